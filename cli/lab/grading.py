@@ -1,20 +1,17 @@
 """Grading of hand-ins: each in a process of its own, in a sandbox, several at a time."""
 
-import json
-import os
 import shutil
 import signal
 import stat
 import subprocess
 import sys
-import sysconfig
 import tempfile
 import threading
 import time
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO, Any
@@ -24,6 +21,7 @@ from msgspec import Struct
 
 from quadctl.cli.lab.formats import Grade
 from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly, nodes_in
+from quadctl.cli.lab.machine import Limits, Machine
 from quadctl.cli.lab.rubric import Rubric, rubric
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
@@ -34,44 +32,20 @@ _LAST = 1.0
 """Seconds for a judge to end after its last result."""
 _END = 10.0
 """Seconds beyond its limit in which the process of a hand-in may end by itself."""
-_HIDDEN = ("cli", "services/safety", "services/pressure")
-"""Folders of quadctl that a hand-in does not see: the grader, and the solution."""
-
-
-class Limits(Struct, frozen=True):
-    """Limits of a hand-in: seconds for all rows; MB of memory and disk, and threads, of a node."""
-
-    seconds: float = 60.0
-    memory: int = 1024
-    disk: int = 64
-    processes: int = 128
 
 
 class GradingJob(Struct, frozen=True):
-    """Hand-in to be flown: folder, commands of its nodes, rubric's tables, limits, without sandbox."""
+    """Hand-in to be flown: folder, one for its copies, commands of its nodes, rubric's tables, limits.
+
+    `machine` has the means to shut it in.
+    """
 
     folder: str
+    root: str
     nodes: dict[str, list[str]]
     tables: dict[str, Any]
     limits: Limits
-    trust: bool
-
-
-def missing() -> str:
-    """Return what this machine lacks for the sandbox, an empty text if it lacks nothing."""
-    if sys.platform != "linux":
-        return f"a sandbox needs Linux, and this is {sys.platform}"
-    from quadctl.cli.lab import sandbox  # it needs Linux
-
-    with tempfile.TemporaryDirectory(prefix="quadctl-") as folder:
-        there = Path(folder, "handin"), Path(folder, "realm")
-        for path in there:
-            path.mkdir()
-        spec = _spec(there[0], str(there[1]), Path(folder, "root"), Limits())
-        probe = _sandboxed(spec, ["true"])
-        done = subprocess.run(probe, capture_output=True, text=True, timeout=30, check=False)
-        lacks = done.stderr.strip().removeprefix(sandbox.REFUSED)
-        return "" if done.returncode == 0 else lacks or f"code {done.returncode}"
+    machine: Machine
 
 
 def grade(
@@ -80,7 +54,7 @@ def grade(
     limits: Limits,
     *,
     jobs: int,
-    trust: bool,
+    machine: Machine,
     on_done: Callable[[Grade], None],
 ) -> list[Grade]:
     """Return the grades, in the order of the hand-ins; call `on_done` with each as it is done."""
@@ -89,8 +63,11 @@ def grade(
     def one(submission: Path) -> Grade:
         began, why = time.monotonic(), ""
         try:
-            with _unpacked(submission) as folder:
-                job = GradingJob(str(folder), nodes_in(folder), tables, limits, trust)
+            with tempfile.TemporaryDirectory(prefix="quadctl-lab-") as own:
+                folder, root = _unpacked(submission, Path(own, "handin")), Path(own, "root")
+                root.mkdir(mode=0o700)
+                nodes = nodes_in(folder)
+                job = GradingJob(str(folder), str(root), nodes, tables, limits, machine)
                 results = _flown(job, made)
         except QuadctlError as problem:
             why = problem.message
@@ -157,27 +134,23 @@ def _read(pipe: IO[bytes], put: Callable[[bytes], None]) -> None:
     put(b"")
 
 
-@contextmanager
-def _unpacked(submission: Path) -> Iterator[Path]:
-    """Copy a hand-in, a folder or a zip file, to a temporary folder; yield the one with quad.toml.
+def _unpacked(submission: Path, target: Path) -> Path:
+    """Copy a hand-in, a folder or a zip file, to a folder for us alone; return the one with quad.toml.
 
     Raises Invalid for one that is neither, is too large, or would write outside the folder.
     """
-    with tempfile.TemporaryDirectory(prefix="quadctl-lab-") as made:
-        target = Path(made, "handin")
-        if submission.is_dir():
-            _check_size(path.lstat().st_size for path in submission.rglob("*"))
-            shutil.copytree(submission, target, symlinks=True)
-        elif zipfile.is_zipfile(submission):
-            _unzip(submission, target)
-        else:
-            raise Invalid(
-                f"{submission} is neither a folder nor a zip file", "hand in one of these"
-            )
-        found = sorted(target.rglob("quad.toml"), key=lambda path: len(path.parts))
-        if not found:
-            raise Invalid(f"{submission} has no quad.toml", "`quadctl lab new DIR` writes one")
-        yield found[0].parent
+    if submission.is_dir():
+        _check_size(path.lstat().st_size for path in submission.rglob("*"))
+        shutil.copytree(submission, target, symlinks=True)
+    elif zipfile.is_zipfile(submission):
+        _unzip(submission, target)
+    else:
+        raise Invalid(f"{submission} is neither a folder nor a zip file", "hand in one of these")
+    target.chmod(0o700)
+    found = sorted(target.rglob("quad.toml"), key=lambda path: len(path.parts))
+    if not found:
+        raise Invalid(f"{submission} has no quad.toml", "`quadctl lab new DIR` writes one")
+    return found[0].parent
 
 
 def _unzip(file: Path, target: Path) -> None:
@@ -204,49 +177,21 @@ def _check_size(sizes: Iterator[int]) -> None:
             )
 
 
-def _spec(folder: Path, realm: str, root: Path, limits: Limits) -> dict[str, Any]:
-    root.mkdir(exist_ok=True)
-    ours = [os.path.abspath(each) for each in sys.modules["quadctl"].__path__]  # noqa: PTH100 - links are kept
-    parts = [f"{each}/{part}" for each in ours for part in ("services", "schemas")]
-    hidden = [f"{each}/{part}" for each in ours for part in _HIDDEN]
-    prefixes = [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values()]
-    return {
-        "folder": str(folder),
-        "root": str(root),
-        "realm": realm,
-        "shown": [*prefixes, *ours, *parts],
-        "hidden": hidden,
-        "memory": limits.memory,
-        "disk": limits.disk,
-        "processes": limits.processes,
-        "seconds": round(limits.seconds) + 1,
-    }
-
-
-def _sandboxed(spec: dict[str, Any], command: list[str]) -> list[str]:
-    file = str(Path(__file__).with_name("sandbox.py"))
-    return [sys.executable, "-I", "-S", file, json.dumps(spec), *command]
-
-
 def main() -> None:
     """Fly the job from stdin, and write a line for each row."""
     job = msgspec.json.decode(sys.stdin.buffer.readline(), type=GradingJob)
-    folder, roots = Path(job.folder), Path(job.folder).parent / "roots"
-    roots.mkdir(exist_ok=True)
+    folder, root = Path(job.folder), Path(job.root)
 
     def wrap(realm: Realm, command: list[str]) -> list[str]:
-        if job.trust:
-            return command
-        own = Path(tempfile.mkdtemp(dir=roots))
-        spec = _spec(folder, str(realm.folder), own, job.limits)
-        return _sandboxed(spec, command)
+        return job.machine.shut_in(command, folder, realm.folder, root, job.limits)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the grader ends us
     made = rubric(job.tables, "the rubric")
     until = time.monotonic() + job.limits.seconds
-    for result in fly(folder, job.nodes, made, until=until, wrap=wrap):
-        sys.stdout.buffer.write(msgspec.json.encode(result) + b"\n")
-        sys.stdout.buffer.flush()
+    with job.machine.without_orphans():
+        for result in fly(folder, job.nodes, made, until=until, wrap=wrap):
+            sys.stdout.buffer.write(msgspec.json.encode(result) + b"\n")
+            sys.stdout.buffer.flush()
 
 
 if __name__ == "__main__":

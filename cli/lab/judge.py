@@ -71,8 +71,8 @@ class RowResult(Struct, frozen=True):
 
 
 NOT_FLOWN = "not flown: the time for this hand-in is over (--seconds)"
-_SANDBOXED = Path("/handin")
-"""Folder of a hand-in as its own nodes see it in the sandbox."""
+_COPY = re.compile(r"(?:|/.*/quadctl-lab-[^/]+/root/\d+)/handin/(.+)")
+"""File of a hand-in as its own nodes see it: in namespaces, or in the grader's temporary folder."""
 
 
 class Witness:
@@ -249,7 +249,9 @@ def last_error(lines: Iterable[str], folder: Path) -> str:
 def _place(places: Sequence[tuple[str, str]], folder: Path) -> str:
     """Return the innermost place in a file of the student, else the innermost one."""
     for file, line in reversed(places):
-        for parent in (folder, folder.resolve(), _SANDBOXED):
+        if copied := _COPY.fullmatch(file):
+            return f"{copied[1]}, line {line}"
+        for parent in (folder, folder.resolve()):
             if PurePath(file).is_relative_to(parent):
                 return f"{PurePath(file).relative_to(parent).as_posix()}, line {line}"
     file, line = places[-1]

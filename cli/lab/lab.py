@@ -124,17 +124,18 @@ def grade(
     seconds: Annotated[float, Option("Limit for one hand-in, s.")] = 60.0,
     memory: Annotated[int, Option("Limit for one node, MB.", min=64)] = 1024,
     trust: Annotated[
-        bool, Option("Run the hand-ins without a sandbox, with your own rights.")
+        bool, Option("Grade also where this machine cannot shut hand-ins in completely.")
     ] = False,
 ) -> None:
     """Grade hand-ins: fly the rubric against the nodes of each, in a sandbox.
 
+    A machine without namespaces cannot shut them in completely: there it asks for --trust.
     Exits with 0 when all have been graded, whatever their points.
 
     Example: quadctl lab grade handins/*.zip --format csv -o points.csv
     """
     require_local(options, "lab grade")
-    from quadctl.cli.lab import formats, grading
+    from quadctl.cli.lab import formats, grading, machine
 
     if format not in formats.FORMS:
         hint = nearest(format, formats.FORMS) or f"one of {', '.join(formats.FORMS)}"
@@ -147,11 +148,16 @@ def grade(
             raise Invalid(f"there is no hand-in {path}", _HAND_INS)
     formats.require_fit(format, len(paths))
     tables = _tables(rubric) if rubric else _builtin()
-    if not trust and (lacks := grading.missing()):
-        raise QuadctlError(
-            f"hand-ins cannot be shut in on this machine: {lacks}",
-            "use a machine with user namespaces, or --trust, which runs them with your own rights",
+    means = machine.probe()
+    if gaps := means.gaps():
+        cannot = (
+            f"this machine cannot shut hand-ins in completely ({means.lacks}): one could {gaps}"
         )
+        if not trust:
+            raise QuadctlError(
+                cannot, "grade on one that can, or add --trust if you trust the hand-ins"
+            )
+        output.note(cannot)
     _compile_vehicle()
     done = 0
 
@@ -165,9 +171,9 @@ def grade(
     grades = grading.grade(
         paths,
         tables,
-        grading.Limits(seconds=seconds, memory=memory),
+        machine.Limits(seconds=seconds, memory=memory),
         jobs=jobs or os.cpu_count() or 1,
-        trust=trust,
+        machine=means,
         on_done=on_done,
     )
     text = formats.written("json" if options.json and format == "text" else format, grades)

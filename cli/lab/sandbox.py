@@ -1,8 +1,9 @@
-"""Sandbox of one process of a hand-in: namespaces, Landlock, and limits.
+"""Sandbox of one process of a hand-in: namespaces, Landlock, a user of its own, and limits.
 
     python -I -S sandbox.py SPEC COMMAND ...
 
-It sees the interpreter and a copy of its folder, and of the run only the hub's socket. It runs by
+It sees the interpreter and a copy of its folder, and of the run only the hub's socket. Without namespaces the
+rest is there too, and as much of it is refused as Landlock and another user can refuse. It runs by
 itself, on the standard library alone: so it starts in 20 ms, and nothing of ours is loaded in it.
 """
 
@@ -12,9 +13,10 @@ import os
 import resource
 import shutil
 import signal
+import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,12 +24,16 @@ _LIBC: Any = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else N
 
 _NEWNS, _NEWIPC, _NEWUTS = 0x20000, 0x8000000, 0x4000000
 _NEWUSER, _NEWPID, _NEWNET = 0x10000000, 0x20000000, 0x40000000
-_BIND, _REC, _PRIVATE, _NOSUID, _NODEV = 0x1000, 0x4000, 0x40000, 0x2, 0x4
+_BIND, _REC, _PRIVATE, _RDONLY, _NOSUID, _NODEV = 0x1000, 0x4000, 0x40000, 0x1, 0x2, 0x4
 _DETACH = 2
 _AT_FDCWD, _AT_RECURSIVE, _MOUNT_SETATTR = -100, 0x8000, 442
-_READ_ONLY = 0x1 | 0x2 | 0x4  # and no set-uid programs, no devices
+_READ_ONLY = _RDONLY | _NOSUID | _NODEV
 _LANDLOCK = (444, 445, 446)
-_PR_SET_PDEATHSIG, _PR_SET_NO_NEW_PRIVS = 1, 38
+_LIST, _READ, _ALL = 0b1000, 0b1101, 0xFFFF  # list a folder; also run and read its files; anything
+_OF_A_FILE = 0b1100000000000111  # run, write, read, truncate, control a device
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER, _PR_SET_NO_NEW_PRIVS = 1, 36, 38
+_CAPABILITIES = 0x20080522
+"""Version of the kernel's structure of capabilities."""
 REFUSED = "no sandbox: "
 """Beginning of the message if there can be none."""
 _NOBODY = 65534
@@ -46,21 +52,42 @@ _VARIABLES = ("QUADCTL_", "PATH", "PYTHONUNBUFFERED", "LANG", "LC_")
 def main(spec: dict[str, Any], command: list[str]) -> int:
     """Run the command in a sandbox, and return its exit code.
 
-    `spec`: `folder` with the hand-in, `root` an empty folder, `realm` of the run, `shown` and
-    `hidden` folders; limits `memory` and `disk` in MB, `seconds` of CPU time, `processes`.
+    `spec`: means of the machine, `namespaces`, `user` and the version of `landlock`; `folder` with the hand-in,
+    `root` an empty folder in one of the grader, `realm` of the run, folders that are `shown`, `hidden` and,
+    for Python's import, `listed`; limits `memory` and `disk` in MB, `seconds` of CPU time, `processes`.
     """
-    os.nice(5)
-    as_root = os.getuid() == 0
-    user = _stranger() if as_root else os.getuid()
+    user = _stranger() if spec["user"] else os.getuid()
     proc = os.open("/proc", os.O_RDONLY)
-    _separate(as_root=as_root)
-    _build(Path(spec["root"]), spec, user)
+    enter = _enter_namespaces if spec["namespaces"] else _enter_folder
+    base = enter(Path(spec["root"]), spec, user)
+    rules = list(_rules(base, spec)) if spec["landlock"] else []
+    others = 0 if spec["namespaces"] or spec["user"] else _threads(proc, user)
     child = os.fork()
     if child == 0:
-        _become(spec, command, user)
+        _become(spec, command, user, base, rules, spec["processes"] + others)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda number, _frame: os.kill(child, number))
-    return _watch(child, proc, spec["memory"] * _MEGABYTE)
+    if spec["namespaces"]:
+        return _watch(child, proc, _in_namespace_of(child, proc), spec)
+    try:
+        return _watch(child, proc, lambda: _descendants(proc), spec)
+    finally:
+        _end_descendants(proc)
+
+
+def landlock() -> int:
+    """Return the version of the kernel's Landlock, 0 if it has none."""
+    return max(int(_LIBC.syscall(_LANDLOCK[0], None, 0, 1)), 0)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of every descendant that loses its own."""
+    _call("subreaper", _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0))
+
+
+def end_descendants() -> None:
+    """Kill all descendants of this process, which has adopted its orphans."""
+    _end_descendants(os.open("/proc", os.O_RDONLY))
 
 
 def _stranger() -> int:
@@ -76,24 +103,12 @@ def _stranger() -> int:
     return _NOBODY
 
 
-def _separate(*, as_root: bool) -> None:
-    """Enter namespaces of our own; the next child is the first process of its own."""
-    user, group = os.getuid(), os.getgid()
-    own = _NEWNS | _NEWPID | _NEWNET | _NEWIPC | _NEWUTS | (0 if as_root else _NEWUSER)
-    _call("namespaces of its own", _LIBC.unshare(own))
-    if not as_root:
-        Path("/proc/self/setgroups").write_text("deny", encoding="ascii")
-        Path("/proc/self/uid_map").write_text(f"{user} {user} 1", encoding="ascii")
-        Path("/proc/self/gid_map").write_text(f"{group} {group} 1", encoding="ascii")
-    _mount("none", "/", "", _REC | _PRIVATE)
-
-
-def _build(root: Path, spec: dict[str, Any], owner: int) -> None:
-    """Make a new root with what it may see, and enter it."""
+def _enter_namespaces(root: Path, spec: dict[str, Any], user: int) -> Path:
+    """Enter a new root with what it may see; return it. The next child is the first process there."""
+    top = _separate(root)
     _mount("tmpfs", root, "tmpfs", _NOSUID | _NODEV, f"size={spec['disk']}m,mode=755")
-    shown = [f"/{name}" for name in _SYSTEM] + list(spec["shown"])
     # An inner folder is there with its outer one.
-    for path in sorted({os.path.realpath(each) for each in shown if os.path.exists(each)}):  # noqa: PTH110
+    for path in sorted(_seen(spec)):
         _show(path, root)
     for name in _SYSTEM:
         link = Path("/", name)
@@ -109,19 +124,78 @@ def _build(root: Path, spec: dict[str, Any], owner: int) -> None:
     for name in _DEVICES:
         (root / "dev" / name).touch()
         _mount(f"/dev/{name}", root / "dev" / name, "", _BIND)
-    for name in ("proc", "tmp", "handin"):
-        (root / name).mkdir(exist_ok=True)
-    (root / "tmp").chmod(0o1777)
-    shutil.copytree(spec["folder"], root / "handin", dirs_exist_ok=True, symlinks=True)
-    _copy_realm(Path(spec["realm"]), root / "run/quadctl" / Path(spec["realm"]).name)
-    for path in (root / "handin", root / "run/quadctl"):
-        for inner in (path, *path.rglob("*")):
-            if not inner.is_socket():
-                os.chown(inner, owner, -1, follow_symlinks=False)
-    os.chdir(root)
+    (root / "proc").mkdir(exist_ok=True)
+    _furnish(root, spec, user)
+    # The present root must be a mount point, which the root of a chroot need not be.
+    new = os.open(root, os.O_PATH)
+    _change_root(top)
+    os.fchdir(new)
     _call("pivot_root", _LIBC.pivot_root(b".", b"."))
     _call("umount", _LIBC.umount2(b".", _DETACH))
-    os.chdir("/handin")
+    return Path("/")
+
+
+def _separate(root: Path) -> int:
+    """Enter namespaces of our own, by right or as a new user; return the root of all their mounts.
+
+    No mount in them is seen outside.
+    """
+    user, group = os.getuid(), os.getgid()
+    own = _NEWNS | _NEWPID | _NEWNET | _NEWIPC | _NEWUTS
+    if _LIBC.unshare(own) < 0:
+        _call("no namespaces", _LIBC.unshare(own | _NEWUSER))
+        Path("/proc/self/setgroups").write_text("deny", encoding="ascii")
+        Path("/proc/self/uid_map").write_text(f"{user} {user} 1", encoding="ascii")
+        Path("/proc/self/gid_map").write_text(f"{group} {group} 1", encoding="ascii")
+    # In a chroot the mounts above our root are out of reach, and may be shared with the host. A
+    # process is held by its root only while it is below: so we move that aside, go up, and come back.
+    here = os.open("/", os.O_PATH)
+    os.chdir("/")
+    os.chroot(root)
+    while not os.path.samefile(".", ".."):  # noqa: PTH121 - Path(".") has no parent
+        os.chdir("..")
+    os.chroot(".")
+    top = os.open("/", os.O_PATH)
+    _mount("none", "/", "", _REC | _PRIVATE)
+    _change_root(here)
+    return top
+
+
+def _change_root(folder: int) -> None:
+    os.fchdir(folder)
+    os.chroot(".")
+
+
+def _enter_folder(root: Path, spec: dict[str, Any], user: int) -> Path:
+    """Make a folder with all that is its own, and return it."""
+    adopt_orphans()
+    base = root / str(os.getpid())
+    base.mkdir(mode=0o700)
+    _furnish(base, spec, user)
+    if spec["user"]:
+        os.chown(base, user, -1)
+        for path in (root, root.parent):
+            path.chmod(0o711)
+    return base
+
+
+def _furnish(base: Path, spec: dict[str, Any], user: int) -> None:
+    """Add a copy of the hand-in, a folder for temporary files, and its part of the run."""
+    for name in ("tmp", "handin"):
+        (base / name).mkdir(exist_ok=True)
+    (base / "tmp").chmod(0o1777)
+    shutil.copytree(spec["folder"], base / "handin", dirs_exist_ok=True, symlinks=True)
+    _copy_realm(Path(spec["realm"]), base / "run/quadctl" / Path(spec["realm"]).name, spec)
+    for path in (base / "handin", base / "run/quadctl"):
+        for inner in (path, *path.rglob("*")):
+            if not inner.is_socket():
+                os.chown(inner, user, -1, follow_symlinks=False)
+
+
+def _seen(spec: dict[str, Any]) -> set[str]:
+    """Return the real paths of all that is shown."""
+    shown = [f"/{name}" for name in _SYSTEM] + list(spec["shown"])
+    return {os.path.realpath(each) for each in shown if os.path.exists(each)}  # noqa: PTH110
 
 
 def _show(path: str, root: Path) -> None:
@@ -151,98 +225,218 @@ def _link(path: Path, root: Path) -> None:
         own.symlink_to(os.path.realpath(path))
 
 
-def _copy_realm(realm: Path, own: Path) -> None:
+def _copy_realm(realm: Path, own: Path, spec: dict[str, Any]) -> None:
     """Copy the run's parameters, and show its hub's socket."""
     own.mkdir(parents=True, mode=0o700)
     if (realm / "params").is_dir():
         shutil.copytree(realm / "params", own / "params")
-    if (realm / "hub.sock").exists():
-        (own / "hub.sock").touch()
-        _mount(str(realm / "hub.sock"), own / "hub.sock", "", _BIND)
-        if os.getuid() == 0:
-            (realm / "hub.sock").chmod(0o666)  # its folder lets nobody else in
+    socket, shown = realm / "hub.sock", own / "hub.sock"
+    if not socket.exists():
+        return
+    if spec["namespaces"]:
+        shown.touch()
+        _mount(str(socket), shown, "", _BIND)
+    elif spec["user"]:
+        shown.hardlink_to(socket)  # another user cannot follow a link into the realm
+    else:
+        shown.symlink_to(socket)
+    if spec["user"]:
+        socket.chmod(0o666)  # its folder lets nobody else in
 
 
-def _become(spec: dict[str, Any], command: list[str], user: int) -> NoReturn:
+def _become(
+    spec: dict[str, Any], command: list[str], user: int, base: Path,
+    rules: list[tuple[str, int]], threads: int,
+) -> NoReturn:  # fmt: skip
     """Be the command, as this user, within the limits."""
     try:
+        os.nice(5)
         _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
         os.setsid()
-        # A container may forbid it; programs can do without.
-        _LIBC.mount(b"proc", b"/proc", b"proc", _NOSUID | _NODEV, None)
+        if spec["namespaces"]:
+            # A container may forbid it; programs can do without.
+            _LIBC.mount(b"proc", b"/proc", b"proc", _READ_ONLY, None)
         environment = {k: v for k, v in os.environ.items() if k.startswith(_VARIABLES)}
-        environment |= {"HOME": "/handin", "TMPDIR": "/tmp", "XDG_RUNTIME_DIR": "/run"}  # noqa: S108
-        if user != os.getuid():
+        environment |= {
+            "HOME": f"{base / 'handin'}",
+            "TMPDIR": f"{base / 'tmp'}",
+            "XDG_RUNTIME_DIR": f"{base / 'run'}",
+        }
+        os.chdir(base / "handin")
+        if spec["user"]:
             os.setgroups([])
             os.setresgid(_NOBODY, _NOBODY, _NOBODY)
             os.setresuid(user, user, user)
             _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # a new user has cleared it
         for limit, most in (
             (resource.RLIMIT_CPU, spec["seconds"]),
-            (resource.RLIMIT_NPROC, spec["processes"]),
+            (resource.RLIMIT_NPROC, threads),
             (resource.RLIMIT_FSIZE, spec["disk"] * _MEGABYTE),
             (resource.RLIMIT_NOFILE, 256),
             (resource.RLIMIT_CORE, 0),
         ):
-            resource.setrlimit(limit, (most, most))
+            _, highest = resource.getrlimit(limit)
+            value = most if highest == resource.RLIM_INFINITY else min(most, highest)
+            resource.setrlimit(limit, (value, value))
         _LIBC.prctl(_PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)
-        _restrict(("/handin", "/tmp", "/run", "/dev", "/proc"))  # noqa: S108
+        _drop_capabilities()
+        if rules:
+            _restrict(spec["landlock"], rules)
         os.execvpe(command[0], command, environment)  # noqa: S606 - a hand-in's own command
     except OSError as error:
         print(f"{command[0]}: {error}", file=sys.stderr)
     os._exit(127)
 
 
-def _restrict(writable: tuple[str, ...]) -> None:
-    """Let Landlock, if the kernel has it, refuse writing outside these folders, and foreign signals."""
+def _drop_capabilities() -> None:
+    """Give up all capabilities; without new privileges even root gets none back."""
+    header, none = (ctypes.c_uint32 * 2)(_CAPABILITIES, 0), (ctypes.c_uint32 * 6)()
+    _call("capset", _LIBC.capset(ctypes.byref(header), ctypes.byref(none)))
+
+
+def _rules(base: Path, spec: dict[str, Any]) -> Iterator[tuple[str, int]]:
+    """Yield what Landlock is to allow below which paths."""
+    if spec["namespaces"]:
+        yield "/", _READ
+        yield from (("/dev", _ALL), ("/proc", _ALL))
+    else:
+        hidden = [os.path.realpath(each) for each in spec["hidden"]]
+        for path in _seen(spec):
+            yield from _beside(path, hidden)
+        yield from ((path, _LIST) for path in spec["listed"])
+        devices = (f"/dev/{name}" for name in _DEVICES)
+        yield from ((path, _ALL) for path in devices if os.path.exists(path))  # noqa: PTH110
+    yield from ((str(base / name), _ALL) for name in ("handin", "tmp", "run"))
+
+
+def _beside(path: str, hidden: list[str]) -> Iterator[tuple[str, int]]:
+    """Yield a rule to read a path, or if something is hidden below it, rules for the rest of it.
+
+    Landlock only allows. The names of what is hidden can be listed: Python's import lists folders.
+    """
+    if not any(f"{each}/".startswith(f"{path}/") for each in hidden):
+        yield path, _READ
+    elif path not in hidden:
+        yield path, _LIST
+        with os.scandir(path) as entries:
+            for entry in entries:
+                if not entry.is_symlink():
+                    yield from _beside(entry.path, hidden)
+
+
+def _restrict(version: int, rules: Iterable[tuple[str, int]]) -> None:
+    """Let Landlock refuse the files that no rule allows, TCP, and signals to others."""
     create, add, enforce = _LANDLOCK
-    version = _LIBC.syscall(create, None, 0, 1)
-    if version < 1:
-        return
     known = (1 << min(13 + (version >= 2) + (version >= 3) + (version >= 5), 16)) - 1
-    reading = 0b1101  # run, read a file, list a folder
     # Files; TCP (all of it refused, from version 4); abstract sockets and signals (version 6).
     handled = (ctypes.c_uint64 * 3)(known, 3 if version >= 4 else 0, 3 if version >= 6 else 0)
     size = 8 if version < 4 else 16 if version < 6 else 24
-    rules = _LIBC.syscall(create, ctypes.byref(handled), size, 0)
-    if rules < 0:
-        return
-    for path, allowed in (("/", reading), *((path, known) for path in writable)):
-        folder = os.open(path, os.O_PATH)
-        rule = allowed.to_bytes(8, sys.byteorder) + folder.to_bytes(4, sys.byteorder)
-        _call("landlock", _LIBC.syscall(add, rules, 1, rule, 0))
-        os.close(folder)
-    _call("landlock", _LIBC.syscall(enforce, rules, 0))
-    os.close(rules)
+    ruleset = _LIBC.syscall(create, ctypes.byref(handled), size, 0)
+    _call("landlock", ruleset)
+    for path, wanted in rules:
+        opened = os.open(path, os.O_PATH)
+        is_folder = stat.S_ISDIR(os.fstat(opened).st_mode)
+        allowed = wanted & known & (_ALL if is_folder else _OF_A_FILE)
+        rule = allowed.to_bytes(8, sys.byteorder) + opened.to_bytes(4, sys.byteorder)
+        _call("landlock", _LIBC.syscall(add, ruleset, 1, rule, 0))
+        os.close(opened)
+    _call("landlock", _LIBC.syscall(enforce, ruleset, 0))
+    os.close(ruleset)
 
 
-def _watch(child: int, proc: int, memory: int) -> int:
-    """Wait for the command's end, and end it if all of its processes have more than so many bytes."""
-    own = os.stat(f"{child}/ns/pid", dir_fd=proc)
+def _watch(child: int, proc: int, members: Callable[[], list[int]], spec: dict[str, Any]) -> int:
+    """Wait for the command's end, and end it if it and its processes are too large or too many."""
     while True:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
+        ended, status = os.waitpid(-1, os.WNOHANG)
+        if ended == child:
             return os.waitstatus_to_exitcode(status) % 256
-        if sum(_resident(proc, own.st_ino)) > memory:
-            os.write(2, f"ended: more than {memory // _MEGABYTE} MB of memory\n".encode())
+        if ended:
+            continue
+        pids = members()
+        too_much = ""
+        if sum(_resident(proc, pid) for pid in pids) > spec["memory"] * _MEGABYTE:
+            too_much = f"{spec['memory']} MB of memory"
+        elif len(pids) > spec["processes"]:
+            too_much = f"{spec['processes']} processes"
+        if too_much:
+            os.write(2, f"ended: more than {too_much}\n".encode())
             os.kill(child, signal.SIGKILL)
             return 128 + signal.SIGKILL
         time.sleep(_LOOK)
 
 
-def _resident(proc: int, namespace: int) -> Iterator[int]:
-    """Yield the bytes in memory of each process in a pid namespace."""
-    for name in os.listdir(proc):
-        if not name.isdigit():
-            continue
+def _in_namespace_of(child: int, proc: int) -> Callable[[], list[int]]:
+    """Return a function that lists the processes in the pid namespace of a child."""
+    own = os.stat(f"{child}/ns/pid", dir_fd=proc).st_ino
+
+    def is_in(pid: int) -> bool:
         try:
-            if os.stat(f"{name}/ns/pid", dir_fd=proc).st_ino != namespace:
-                continue
-            file = os.open(f"{name}/statm", os.O_RDONLY, dir_fd=proc)
-            with os.fdopen(file, "rb") as statm:
-                yield int(statm.read().split()[1]) * resource.getpagesize()
+            return os.stat(f"{pid}/ns/pid", dir_fd=proc).st_ino == own
         except OSError:
-            continue  # it has ended, or is not ours
+            return False  # it has ended, or is not ours
+
+    return lambda: [pid for pid in _pids(proc) if is_in(pid)]
+
+
+def _descendants(proc: int) -> list[int]:
+    """Return all descendants of this process."""
+    parents = {pid: int(fields[1]) for pid in _pids(proc) if (fields := _stat(proc, pid))}
+    found, new = list[int](), {os.getpid()}
+    while new := {pid for pid, parent in parents.items() if parent in new}:
+        found += new
+    return found
+
+
+def _end_descendants(proc: int) -> None:
+    """Kill all descendants, also those started meanwhile: the orphans among them are our children."""
+    while True:
+        for pid in _descendants(proc):
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                continue
+        try:
+            os.waitpid(-1, 0)
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:
+            return
+
+
+def _threads(proc: int, user: int) -> int:
+    """Return how many threads a user has."""
+    found = 0
+    for pid in _pids(proc):
+        try:
+            if os.stat(str(pid), dir_fd=proc).st_uid == user and (fields := _stat(proc, pid)):
+                found += int(fields[17])
+        except OSError:
+            continue  # it has ended
+    return found
+
+
+def _pids(proc: int) -> list[int]:
+    return [int(name) for name in os.listdir(proc) if name.isdigit()]
+
+
+def _stat(proc: int, pid: int) -> list[bytes]:
+    """Return the fields of a process, from its state on; none if it has ended."""
+    # A name may contain blanks and brackets.
+    return _read(proc, f"{pid}/stat").rpartition(b")")[2].split()
+
+
+def _resident(proc: int, pid: int) -> int:
+    """Return the bytes of a process in memory, 0 if it has ended."""
+    fields = _read(proc, f"{pid}/statm").split()
+    return int(fields[1]) * resource.getpagesize() if fields else 0
+
+
+def _read(proc: int, name: str) -> bytes:
+    try:
+        with os.fdopen(os.open(name, os.O_RDONLY, dir_fd=proc), "rb") as file:
+            return file.read()
+    except OSError:
+        return b""  # it has ended
 
 
 def _mount(source: Any, target: Any, kind: str, flags: int, options: str = "") -> None:

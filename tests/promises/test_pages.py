@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from _pytest.mark.structures import ParameterSet
 
 from tests.support.compiled import compiled_kernel
 from tests.support.lab import Lab, private_lab
@@ -37,6 +38,8 @@ LEFT_OUT = {
     ".venv/bin/quadctl demo": "takes 25 s; tests/flight/test_checkpoint_1.py to _4.py hold the same",
 }
 """Commands that a test cannot run, each with the reason."""
+NEEDS_SANDBOX = "quadctl lab grade "
+"""Command that a machine without a complete sandbox refuses."""
 READ = {"console", "python", "toml", "text"}
 """Languages of blocks: `text` is not run, and the book draws no other, e.g. mermaid, offline."""
 WITHIN = 240.0
@@ -102,13 +105,20 @@ def take(lab: Lab, block: Block) -> None:
                 run(lab, command)
 
 
+def parameter(page: Path) -> ParameterSet:
+    name = page.relative_to(ROOT).as_posix()
+    marks = [] if name in EVERYDAY else [pytest.mark.thorough]
+    if any(b.language == "console" and NEEDS_SANDBOX in b.text for b in blocks(page)):
+        marks.append(pytest.mark.needs("sandbox"))
+    return pytest.param(page, id=name, marks=marks)
+
+
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, id=name, marks=[] if name in EVERYDAY else pytest.mark.thorough)
+        parameter(page)
         for page in PAGES
         if page.name not in ELSEWHERE and "```" in page.read_text("utf-8")
-        for name in [page.relative_to(ROOT).as_posix()]
     ],
 )
 @pytest.mark.timeout(600)  # for a whole page: each command has its own limit, WITHIN

@@ -15,7 +15,7 @@ from typing import NamedTuple
 SEARCH = os.pathsep.join((os.environ.get("PATH", ""), "/usr/sbin", "/sbin", "/usr/bin", "/bin"))
 """Search path with the folders of `ip`, which only root's path has."""
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-_TOOLS = ("ip", "unshare", "nsenter", "mount")
+_TOOLS = ("ip", "unshare", "nsenter", "setpriv", "mount")
 
 
 class Ability(NamedTuple):
@@ -52,14 +52,14 @@ def _has_ipv6() -> bool:
 
 
 def _can_mount() -> bool:
-    enter = ("unshare", "--map-root-user", "--mount", "--net")
+    enter = ("unshare", *as_root(), "--mount", "--net")
     return _works(*enter, "mount", "-t", "tmpfs", "none", "/mnt")
 
 
 def _has_sandbox() -> bool:
-    from quadctl.cli.lab import grading
+    from quadctl.cli.lab import machine
 
-    return not grading.missing()
+    return machine.probe().namespaces
 
 
 def _rounds_as_recorded() -> bool:
@@ -81,9 +81,7 @@ ABILITIES = {
         "network namespaces: root, or sysctl kernel.unprivileged_userns_clone=1;"
         " in Docker --privileged",
     ),
-    "mounts": Ability(
-        _can_mount, "user and mount namespaces, as above, and / has to be a mount point"
-    ),
+    "mounts": Ability(_can_mount, "mount namespaces, as above, with / as a mount point"),
     "sandbox": Ability(_has_sandbox, "what the sandbox of `quadctl lab grade` needs: namespaces"),
     "root": Ability(lambda: os.geteuid() == 0, "the tests run as root"),
     "ipv6": Ability(_has_ipv6, "IPv6 on the loopback: sysctl net.ipv6.conf.lo.disable_ipv6=0"),

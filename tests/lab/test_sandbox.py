@@ -1,0 +1,247 @@
+"""Sandbox of a hand-in's node, by the means that a machine may have."""
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from quadctl.cli.lab import sandbox
+from quadctl.cli.lab.machine import Limits, Machine, probe
+from tests.support.lab import Lab
+from tests.support.namespaces import tool
+from tests.support.poor_machines import chroot, poor
+from tests.support.running import alive
+
+LANDLOCK = sandbox.landlock()
+OPEN = Machine(landlock=LANDLOCK)
+"""This machine, were it without namespaces."""
+LIMITS = Limits()
+
+
+@pytest.fixture(scope="module")
+def complete() -> Machine:
+    """This machine with all that it has."""
+    return probe()
+
+
+def shut_in(
+    lab: Lab, machine: Machine, *command: str, limits: Limits = LIMITS, files: str = ""
+) -> list[str]:
+    """Return the words that run a command in a sandbox, with one file `own` in its folder."""
+    folder, root, realm = (lab.folder / name for name in ("own/handin", "own/root", "own/realm"))
+    for path in (folder, root, realm):
+        path.mkdir(parents=True, mode=0o700)
+    (folder / "own").write_text(files, "utf-8")
+    return machine.shut_in(list(command), folder, realm, root, limits)
+
+
+READS = """
+import os, resource, socket, sys
+def tried(do, *words):
+    try:
+        do(*words)
+        return "yes"
+    except OSError as error:
+        return type(error).__name__
+print(open("own").read(), tried(open, "own", "w"), tried(open, os.environ["TMPDIR"] + "/x", "w"))
+print(tried(open, sys.argv[1]), tried(os.listdir, os.path.dirname(sys.argv[1])))
+try:
+    import quadctl.cli.lab.lab
+    print("solution")
+except ImportError as error:
+    print(type(error).__name__)
+except PermissionError:
+    print("PermissionError")
+print(tried(socket.create_connection, ("127.0.0.1", int(sys.argv[2]))))
+print(resource.getrlimit(resource.RLIMIT_CORE)[1], bool(os.environ.get("SECRET")))
+"""
+
+
+@pytest.mark.parametrize("version", sorted({0, LANDLOCK}))
+def test_without_namespaces_a_node_has_what_landlock_leaves(lab: Lab, version: int):
+    secret = lab.file("mine", "secret")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = str(server.getsockname()[1])
+        words = [sys.executable, "-c", READS, str(secret), port]
+        command = shut_in(lab, Machine(landlock=version), *words, files="hello")
+        done = lab.run(command, SECRET="1")
+    files, network = version < 1, version < 4
+    assert done.out.splitlines() == [
+        "hello yes yes",
+        "yes yes" if files else "PermissionError PermissionError",
+        "solution" if files else "PermissionError",
+        "yes" if network else "PermissionError",
+        "0 False",
+    ], done.err
+
+
+@pytest.mark.needs("sandbox")
+def test_in_namespaces_a_node_has_its_own_files_and_no_network(lab: Lab, complete: Machine):
+    secret = lab.file("mine", "secret")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = str(server.getsockname()[1])
+        words = [sys.executable, "-c", READS, str(secret), port]
+        done = lab.run(shut_in(lab, complete, *words, files="hello"), SECRET="1")
+    assert done.out.splitlines() == [
+        "hello yes yes",
+        "FileNotFoundError FileNotFoundError",
+        "ModuleNotFoundError",
+        "PermissionError" if LANDLOCK >= 4 else "OSError",
+        "0 False",
+    ], done.err
+
+
+WAITS = "import sys; print('in', flush=True); sys.stdin.read()"
+
+
+@pytest.mark.needs("ip", "sandbox", "mounts")
+@pytest.mark.parametrize("where", ["machine", "chroot"])
+def test_no_mount_of_a_sandbox_is_seen_outside(lab: Lab, complete: Machine, where: str):
+    script = "mount --make-rshared /" if where == "machine" else chroot(lab.folder / "new")
+    inside = shut_in(lab, complete, sys.executable, "-c", WAITS)
+    with subprocess.Popen(
+        [*poor(script), "sh", "-c", '"$@"; true', "sh", *inside],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=lab.folder,
+    ) as outside:
+        assert outside.stdout is not None
+        assert outside.stdout.readline() == "in\n"
+        mounts = mounts_of(outside.pid)
+        outside.communicate("")
+    assert outside.returncode == 0
+    assert "shared:" in mounts
+    assert str(lab.folder / "own") not in mounts
+
+
+def mounts_of(pid: int) -> str:
+    """Return all mounts in the namespace of a process, also those that its root hides."""
+    as_user = [] if os.geteuid() == 0 else ["--user", "--preserve-credentials"]
+    enter = [tool("nsenter"), f"--target={pid}", *as_user, "--mount"]
+    return subprocess.run(
+        [*enter, "cat", "/proc/self/mountinfo"], capture_output=True, text=True, check=True
+    ).stdout
+
+
+PROBES = """
+from quadctl.cli.lab.machine import probe
+print(probe())
+"""
+
+
+@pytest.mark.needs("ip", "mounts")
+def test_a_machine_that_forbids_namespaces_is_found_out(lab: Lab):
+    """As root in a container: in a chroot nobody gets a new user, and without this right no other one."""
+    without_right = [tool("setpriv"), "--bounding-set=-sys_admin"]
+    enter = [*poor(chroot(lab.folder / "new")), *without_right]
+    words = "from quadctl.cli.lab.machine import probe; print((found := probe()).namespaces, found.lacks)"
+    done = lab.run([*enter, sys.executable, "-c", words])
+    assert (done.out.startswith("False no namespaces: "), done.err) == (True, ""), done.out
+
+
+@pytest.mark.needs("ip", "sandbox", "mounts")
+def test_a_chroot_shuts_a_node_in_as_completely(lab: Lab, complete: Machine):
+    done = lab.run([*poor(chroot(lab.folder / "new")), sys.executable, "-c", PROBES])
+    assert (done.out, done.err) == (f"{complete}\n", "")
+
+
+def test_a_node_is_another_user_where_the_machine_has_more(lab: Lab, complete: Machine):
+    words = 'id -u; cat "$0" && echo read; test -w "$XDG_RUNTIME_DIR"/quadctl/realm/hub.sock && echo hub'
+    secret = lab.file("mine\n", "secret")
+    secret.chmod(0o600)
+    lab.folder.chmod(0o711)  # as /tmp, through which anybody may go
+    command = shut_in(lab, Machine(user=complete.user), "sh", "-c", words, str(secret))
+    with socket.socket(socket.AF_UNIX) as hub:
+        hub.bind(str(lab.folder / "own/realm/hub.sock"))
+        done = lab.run(command)
+    user, *more = done.out.splitlines()
+    assert (int(user) != os.getuid()) is complete.user
+    assert more == (["hub"] if complete.user else ["mine", "read", "hub"]), done.err
+
+
+EATS = """
+import os, time
+if os.fork() == 0:
+    kept = b"x" * (200 << 20)
+time.sleep(1000)
+"""
+
+
+@pytest.mark.parametrize("machine", [OPEN, pytest.param(None, marks=pytest.mark.needs("sandbox"))])
+def test_a_node_with_too_much_memory_is_ended(lab: Lab, machine: Machine | None, complete: Machine):
+    command = shut_in(
+        lab, machine or complete, sys.executable, "-c", EATS, limits=Limits(memory=100)
+    )
+    done = lab.run(command, 60)
+    assert (done.code, done.err) == (137, "ended: more than 100 MB of memory\n")
+
+
+LEAVES = """
+import os, sys, time
+if os.fork() == 0:
+    if os.fork() == 0:
+        os.setsid()
+        sleeps = "import time; print('up', flush=True); time.sleep(1000)"
+        os.execve(sys.executable, [sys.executable, "-c", sleeps, sys.argv[1]], {})
+    os._exit(0)
+os.wait()
+time.sleep(float(sys.argv[2]))
+sys.exit(3)
+"""
+"""Program that leaves a process with another parent, session and environment."""
+
+
+def running(lab: Lab) -> list[str]:
+    """Return the processes that have the lab's folder in their command line."""
+    mark, found = os.fsencode(lab.folder), []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = path.read_bytes()
+        except OSError:
+            continue  # it has ended
+        if mark in words and alive(int(path.parent.name)):
+            found.append(words.decode())
+    return found
+
+
+def test_what_a_node_leaves_ends_with_it(lab: Lab):
+    done = lab.run(shut_in(lab, OPEN, sys.executable, "-c", LEAVES, str(lab.folder), "0"))
+    assert (done.code, done.err) == (3, "")
+    assert running(lab) == []
+
+
+JUDGES = """
+import os, signal, subprocess, sys
+from quadctl.cli.lab.machine import Machine
+with Machine().without_orphans():
+    with subprocess.Popen(sys.argv[1:], stdout=subprocess.PIPE) as node:
+        node.stdout.readline()
+        os.kill(node.pid, signal.SIGKILL)
+print("judged")
+"""
+
+
+def test_what_a_killed_node_leaves_ends_with_the_judge(lab: Lab):
+    command = shut_in(lab, OPEN, sys.executable, "-c", LEAVES, str(lab.folder), "1000")
+    done = lab.run([sys.executable, "-c", JUDGES, *command])
+    assert (done.out, done.err) == ("judged\n", "")
+    assert running(lab) == []
+
+
+@pytest.mark.parametrize(
+    ("machine", "gaps"),
+    [
+        (Machine(namespaces=True), ""),
+        (Machine(user=True, landlock=4), "use the network by UDP"),
+        (Machine(user=True), "use the network, read or change what every user may"),
+        (Machine(landlock=6), "use the network by UDP, spoil your files, reach your programs"),
+        (Machine(landlock=3), "use the network, spoil your files, reach or end your programs"),
+        (Machine(), "use the network, read or change your files, reach or end your programs"),
+    ],
+)
+def test_gaps_name_what_a_hand_in_could_do(machine: Machine, gaps: str):
+    assert machine.gaps() == gaps

@@ -9,7 +9,7 @@ import pytest
 from tests.checks import house
 
 # mypy reads the whole tree, mostly for the first time.
-pytestmark = pytest.mark.timeout(300)
+pytestmark = pytest.mark.thorough
 
 IMPURE = ("time", "random", "os", "pathlib", "threading", "zenoh", "quadctl.services.runtime.node")
 FORBIDDEN = {
@@ -90,13 +90,11 @@ def seen(root):
     return {name: check(root) for name, check in house.CHECKS.items()}
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("importer", "module"), IMPORTS)
 def test_a_forbidden_import_is_reported(seen, importer, module):
     assert f"{importer}.{fault_name(module)} -> {module} (l.1)" in seen["imports"]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("check", "named"),
     [
@@ -116,7 +114,6 @@ def test_a_fault_is_reported(seen, check, named):
     assert named in seen[check]
 
 
-@pytest.mark.thorough
 def test_the_type_check_reports_only_the_faults(seen):
     found = [line for line in seen["types"].splitlines() if "/fault_" not in line.partition(":")[0]]
     assert found == []
@@ -130,7 +127,6 @@ def test_500_lines_are_allowed(seen):
     assert "no_fault_500" not in seen["length"]
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("lines", "status", "said"), [(500, 0, "length: ok"), (501, 1, "length: FAIL")]
 )

@@ -45,6 +45,7 @@ def graded(lab: Lab, *words: object, timeout: float = 60.0) -> dict[str, dict[st
     }
 
 
+@pytest.mark.thorough
 def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
     done = lab.quadctl("lab", "new", "mine")
     assert done.code == 0, done.err
@@ -72,6 +73,7 @@ def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
     assert lab.quadctl("bag", "check", "out/flight.mcap").code == 0
 
 
+@pytest.mark.thorough
 def test_a_class_is_graded_each_for_itself(lab: Lab):
     folders = [write(name, lab.folder) for name in ("functions", "no_baseline", "exits_at_once")]
     zipped = lab.folder / "zipped.zip"
@@ -95,6 +97,7 @@ def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
     assert "no_baseline: 23 of 26" in done.err, done.out
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("sandbox")
 def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
     outputs = graded(lab, write("reads_the_rubric", lab.folder))["reads_the_rubric"]
@@ -269,6 +272,7 @@ def broken(folder: Path, old: str, new: str) -> Path:
     return handin
 
 
+@pytest.mark.thorough
 def test_a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only(lab: Lab):
     handin = broken(lab.folder, "        away = dist(", "        away = math.dist(")
     shutil.copy(Path(grading.__file__).with_name("rubric.toml"), handin)
@@ -289,6 +293,7 @@ def test_a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only(lab: Lab)
     assert "in rows that only `lab grade` flies" in page
 
 
+@pytest.mark.thorough
 def test_a_crash_in_one_row_costs_that_row_only(lab: Lab):
     handin = broken(
         lab.folder, "        self.cage_on = request.cage_on\n", "        import os; os._exit(3)\n"

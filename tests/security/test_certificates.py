@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from quadctl.services.runtime.bus.session import free_port
 from quadctl.services.runtime.security.registry import Registry
 from tests.support.intruder import session
 from tests.support.lab import PATIENT, Lab
@@ -15,7 +16,7 @@ from tests.support.network_field import TLS, Field, touched
 from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
-ENDPOINT = "tls/127.0.0.1:7729"
+ENDPOINT = f"tls/127.0.0.1:{free_port()}"
 LIMIT = 2.0
 """Seconds after `revoke` within which the last message must come."""
 ROUNDS = 20

@@ -56,11 +56,19 @@ NEED_THE_HUB = {
 
 
 @pytest.fixture(scope="module")
-def patient() -> Iterator[Lab]:
+def unkilled() -> Iterator[Lab]:
     """Lab with a supervisor that does not kill frozen processes."""
     with private_lab() as made:
-        made.start("--set", "supervise.answer_timeout=60", "--set", "dynamics.start.z=1")
+        made.share("--set", "supervise.answer_timeout=60", "--set", "dynamics.start.z=1")
         yield made
+
+
+@pytest.fixture
+def patient(unkilled: Lab) -> Lab:
+    """That lab as launched, without a parameter file."""
+    unkilled.put_back()
+    (unkilled.folder / "quad.toml").unlink(missing_ok=True)
+    return unkilled
 
 
 def test_a_healthy_system_has_no_fault_and_stays_unchanged(shared_lab: Lab, hover: Bare):

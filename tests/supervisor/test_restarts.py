@@ -57,7 +57,9 @@ def test_a_node_killed_in_flight_restarts_and_the_goal_is_flown(
     # A new session, because the hub may be a new one. Until here only `ready` was awaited.
     with wide_cage.bare() as bare:
         poses = bare.watch("uav/pose")
-        assert (poses.next()[0]["position"]["x"] < GOAL["x"] - 0.5) or node == "pressure"
+        # Without setpoints or poses it stands; after a short silence of the hub it has gone on.
+        stands = poses.next()[0]["position"]["x"] < GOAL["x"] - 0.5
+        assert stands or node in {"pressure", "hub"}
         state = bare.state()
         if node == "safety":
             assert state["cage_on"]

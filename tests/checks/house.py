@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("schemas", "services", "cli", "tests", "benchmarks")
+PACKAGES = ("schemas", "services", "cli", "tests", "benchmarks", "deploy")
 DOCUMENTED = ("schemas", "services", "cli", "src/quadctl", "benchmarks", "deploy", "docs")
 """Folders of modules whose docstrings are checked for headless clauses."""
 HEADLESS = re.compile(

@@ -131,7 +131,18 @@ def enter(root: Path, command: str, out: IO[bytes]) -> bool:
     for path in shown:
         make_place(path, root)
     (root / CHECKOUT / ".cache/pip").mkdir(parents=True, exist_ok=True)
-    namespaces = ("unshare", "--mount", "--pid", "--ipc", "--fork", "--kill-child")
+    # What runs there ends with this process, however this ends.
+    namespaces = (
+        "setpriv",
+        "--pdeathsig",
+        "KILL",
+        "unshare",
+        "--mount",
+        "--pid",
+        "--ipc",
+        "--fork",
+        "--kill-child",
+    )
     binds = [word for path in shown for word in (path, place(path))]
     done = subprocess.run(
         [*namespaces, "sh", "-c", ENTER, "sh", root, PIP_CACHE, command, *binds],
@@ -182,4 +193,7 @@ def make_place(path: Path, root: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    try:
+        sys.exit(main(*sys.argv[1:]))
+    except KeyboardInterrupt:
+        sys.exit("interrupted: nothing runs on the machines any more, and nothing is mounted")

@@ -42,7 +42,7 @@ def chromium() -> Iterator[Browser]:
         yield made
 
 
-pytestmark = pytest.mark.needs("browser")
+pytestmark = [pytest.mark.thorough, pytest.mark.needs("browser")]
 
 LIVE = "document.body?.dataset.link === 'live'"
 
@@ -58,7 +58,7 @@ def page(console: Console, chromium: Browser) -> Iterator[Tab]:
     tab.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def phone(console: Console, chromium: Browser) -> Iterator[Tab]:
     """Controlling page with the screen of a phone."""
     tab = chromium.tab(console.control, PHONE)
@@ -71,6 +71,7 @@ def phone(console: Console, chromium: Browser) -> Iterator[Tab]:
 @pytest.fixture(autouse=True)
 def at_rest(page: Tab) -> None:
     """Wait for a hover, so that no test begins during the flight of another."""
+    page.front()
     page.until("document.body.dataset.state === 'HOVERING'")
 
 
@@ -91,7 +92,7 @@ def test_a_goal_outside_is_refused_with_its_reason(page: Tab):
     said = "outside the cage: x = 6 is beyond [-5, 5]"
     page.reads(".journal", "refused", said)
     page.reads(".reason", said)
-    page.reads(".q-notification", said)
+    page.reads("#q-notify", said)
 
 
 def test_arrow_keys_move_the_target_by_a_metre_and_enter_sends_it(page: Tab, running_lab: Lab):

@@ -99,6 +99,10 @@ class Tab:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
+    def front(self) -> None:
+        """Bring the tab to the front: a hidden one draws nothing, and its notes never leave."""
+        self._ask("Page.bringToFront")
+
     def text(self, selector: str) -> str:
         return str(self.js(f"document.querySelector({json.dumps(selector)})?.innerText ?? ''"))
 

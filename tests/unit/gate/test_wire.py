@@ -132,7 +132,8 @@ def config(mode: str, **endpoints: list[str]) -> str:
             **{way: {"endpoints": places} for way, places in endpoints.items()},
             "scouting": {"delay": 0, "multicast": {"enabled": False}},
             "timestamping": {"enabled": True},
-            "transport": {"shared_memory": {"enabled": False}},
+            # A busy machine may not run one side for long; a new link would declare all again.
+            "transport": {"shared_memory": {"enabled": False}, "link": {"tx": {"lease": 60_000}}},
         }
     )
 

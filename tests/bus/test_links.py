@@ -129,6 +129,7 @@ def test_a_stalled_viewer_gets_the_newest_and_delays_no_one(far_operator: tuple[
         assert len(seen) < seen[-1] - seen[0], "poses that were too old are dropped"
 
 
+@pytest.mark.thorough
 def test_the_vehicle_hovers_while_safety_is_cut_off_then_recovers():
     with remote_safety() as (lab, link):
         cut_off_safety(lab, link, SHORT, 0)

@@ -128,6 +128,7 @@ def test_a_request_that_is_not_a_point_is_ignored(hover: Bare, bad: object):
     assert {**after, "stamp": 0} == {**before, "stamp": 0}
 
 
+@pytest.mark.thorough
 def test_a_request_while_moving_is_refused_as_busy(hover: Bare):
     states, poses = hover.watch("uav/safety/state"), hover.watch("uav/pose")
     assert hover.call("goto", x=-4.5, y=-4.5, z=1.0).value["accepted"]

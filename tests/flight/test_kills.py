@@ -55,7 +55,7 @@ def start_patient(lab: Lab) -> None:
     lab.start("--set", "dynamics.start.z=1", *PATIENT, "--set", "supervise.answer_timeout=3")
 
 
-@pytest.mark.parametrize("node", [*PROMISED, "pressure"])
+@pytest.mark.parametrize("node", [*PROMISED, pytest.param("pressure", marks=pytest.mark.thorough)])
 def test_a_killed_node_restarts_and_the_vehicle_stays_in_the_cage(patient: Lab, node: str):
     # The braking time is judged only by the full count, on an idle machine.
     kill_in_flight(patient, node, 0)
@@ -75,7 +75,9 @@ def test_nodes_killed_again_and_again_restart_and_the_vehicle_stays_in_the_cage(
         list(pool.map(kill_each, labs, range(1, 5)))
 
 
-@pytest.mark.parametrize("node", PROMISED)
+@pytest.mark.parametrize(
+    "node", ["dynamics", "safety", pytest.param("hub", marks=pytest.mark.thorough)]
+)
 def test_a_frozen_node_restarts_and_the_vehicle_stays_in_the_cage(patient: Lab, node: str):
     kill_in_flight(patient, node, 0, signal.SIGSTOP)
 

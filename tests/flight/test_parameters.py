@@ -143,6 +143,7 @@ def test_several_parameters_are_set_together_and_survive_a_kill(tuned: Lab, sess
     assert "safety.virtual_cage.y: 2.5" in got.splitlines()
 
 
+@pytest.mark.thorough
 def test_rate_and_speed_limit_change_while_in_use(session: Bare):
     assert session.call("pressure/set_params", values={"pressure.rate": 50}).value["success"]
     stamps = [r["stamp"] for r in session.watch("uav/sensors/pressure").next(40)[10:]]

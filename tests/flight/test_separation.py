@@ -85,6 +85,7 @@ def test_hold_drops_a_goal_that_waits(home: Lab):
         assert "hold: stopped on request" in waits.log
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_the_command_and_the_goal_still_waits(home: Lab):
     with crawling(home, "uav1"), home.bare() as bare:
         assert home.quadctl("goto", -1, 2, 1, "--vehicle", "uav1", "--no-wait").code == 0

@@ -236,6 +236,7 @@ def test_every_command_is_acknowledged_whatever_its_parameters(
     assert station.command(mavlink.MAV_CMD_NAV_LOITER_UNLIM) == ACCEPTED
 
 
+@pytest.mark.thorough
 def test_bad_packets_by_the_thousand_change_nothing(station: GroundStation, run: quadctl.Run):
     before, noise = run.vehicle.state().request, random.Random(7)
     hold = mavlink.MAV_CMD_NAV_LOITER_UNLIM
@@ -329,6 +330,7 @@ def test_the_flight_is_the_same_whatever_happens_to_the_bridge():
     assert flown == dict.fromkeys(flown, alone)
 
 
+@pytest.mark.thorough
 def test_the_hub_may_go_and_come_back(lab: Lab):
     lab.start()
     with GroundStation() as station, bridged(lab, station.port):

@@ -172,6 +172,7 @@ def test_a_machine_that_cannot_set_up_is_told_in_one_line(
     assert checkout.content() == before
 
 
+@pytest.mark.thorough
 def test_any_path_will_do(tmp_path):
     checkout = Checkout(tmp_path / "a folder's name" / "deep" / ("long" * 50), tmp_path / "machine")
     checkout.python(tools=TOOLS)

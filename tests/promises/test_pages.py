@@ -25,7 +25,6 @@ ELSEWHERE = {
 }
 EVERYDAY = {
     "README.md",
-    "docs/how-to/running.md",
     "docs/reference/ros.md",
     "docs/troubleshooting.md",
 }

@@ -136,6 +136,7 @@ def test_four_processes_fly_all_vehicles(three_vehicles: Lab):
     assert len(boots) == 3
 
 
+@pytest.mark.thorough
 def test_vehicles_start_on_a_grid_each_with_its_own_settings(at_start: Lab):
     assert [position_of(at_start, vehicle) for vehicle in VEHICLES] == [(-1, -1), (1, -1), (-1, 1)]
     eventually(lambda: height(at_start, "uav2") > 1.9)
@@ -235,6 +236,7 @@ def test_each_vehicle_has_its_own_flight_cage_baseline_and_params(at_start: Lab)
     }
 
 
+@pytest.mark.thorough
 def test_a_file_is_compared_and_saved_by_vehicle(three_vehicles: Lab):
     said = "# kept\n[safety]\ntakeoff = 1.0\npose_timeout = 0.6\n"
     file = three_vehicles.file(f"{said}[dynamics]\nsetpoint_timeout = 0.6\n", "saved.toml")

@@ -1,5 +1,6 @@
 """House checks on a copy of the tree with all kinds of faults: each fault must be reported."""
 
+import json
 import shutil
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import sys
 import pytest
 
 from tests.checks import house
+from tests.support.once import once
 
 # mypy reads the whole tree, mostly for the first time.
 pytestmark = pytest.mark.thorough
@@ -56,10 +58,7 @@ def fault_name(module: str) -> str:
     return "fault_" + module.replace(".", "_")
 
 
-@pytest.fixture(scope="module")
-def root(tmp_path_factory):
-    """A copy of the tree."""
-    root = tmp_path_factory.mktemp("tree")
+def copy_tree(root):
     for name in (*house.PACKAGES, "docs", "src"):
         shutil.copytree(
             house.ROOT / name,
@@ -68,12 +67,11 @@ def root(tmp_path_factory):
             ignore=shutil.ignore_patterns("__pycache__"),
         )
     shutil.copy(house.ROOT / "pyproject.toml", root)
-    return root
 
 
-@pytest.fixture(scope="module")
-def seen(root):
-    """Return the output of each check on the copy with all faults."""
+def check_with_faults(root):
+    """Write the output of each check on a copy of the tree with all faults."""
+    copy_tree(root)
     for importer, module in IMPORTS:
         file = (
             root / importer.removeprefix("quadctl.").replace(".", "/") / f"{fault_name(module)}.py"
@@ -87,7 +85,15 @@ def seen(root):
     (cli / "fault_untyped.py").write_text(UNTYPED, encoding="utf-8")
     (cli / "fault_wrong.py").write_text(WRONG, encoding="utf-8")
     (cli / "fault_headless.py").write_text(HEADLESS, encoding="utf-8")
-    return {name: check(root) for name, check in house.CHECKS.items()}
+    found = {name: check(root) for name, check in house.CHECKS.items()}
+    (root / "seen.json").write_text(json.dumps(found), encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """Return the output of each check."""
+    root = once(tmp_path_factory, "tree", check_with_faults)
+    return json.loads((root / "seen.json").read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize(("importer", "module"), IMPORTS)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.once import once
+
 ROOT = Path(__file__).parents[2]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 SCRIPTS = "Scripts" if os.name == "nt" else "bin"
@@ -30,13 +32,8 @@ def run(*command: str | Path, cwd: Path) -> str:
 @pytest.fixture(scope="module")
 def built(tmp_path_factory) -> Path:
     """Build wheel and sdist from the checkout into a folder."""
-    folder = tmp_path_factory.mktemp("dist")
-    run(
-        *(sys.executable, "-m", "build", "--no-isolation", "--wheel", "--sdist"),
-        *("--outdir", folder),
-        cwd=ROOT,
-    )
-    return folder
+    build = (sys.executable, "-m", "build", "--no-isolation", "--wheel", "--sdist", "--outdir")
+    return once(tmp_path_factory, "dist", lambda folder: run(*build, folder, cwd=ROOT))
 
 
 @pytest.fixture(scope="module")
@@ -53,12 +50,14 @@ def elsewhere(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def scripts(wheel, elsewhere, tmp_path_factory) -> Path:
     """Install the wheel and its pinned dependencies in a fresh environment; return its commands."""
-    venv = tmp_path_factory.mktemp("fresh") / "venv"
-    run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=elsewhere)
-    pip = (sys.executable, "-m", "pip", "--python", venv, "install", "--quiet", "--no-compile")
-    run(*pip, "--require-hashes", "-r", ROOT / "requirements.lock", cwd=elsewhere)
-    run(*pip, "--no-deps", wheel, cwd=elsewhere)
-    return venv / SCRIPTS
+
+    def install(venv: Path) -> None:
+        run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=elsewhere)
+        pip = (sys.executable, "-m", "pip", "--python", venv, "install", "--quiet", "--no-compile")
+        run(*pip, "--require-hashes", "-r", ROOT / "requirements.lock", cwd=elsewhere)
+        run(*pip, "--no-deps", wheel, cwd=elsewhere)
+
+    return once(tmp_path_factory, "fresh", install) / SCRIPTS
 
 
 def test_the_wheel_has_one_package(wheel):

@@ -25,7 +25,7 @@ class PipedRun(NamedTuple):
         return [line for line in self.run.log.splitlines() if text in line]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def piped_run() -> Iterator[PipedRun]:
     with private_lab() as lab:
         command = " ".join(map(str, lab.command("up")))

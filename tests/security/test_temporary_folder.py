@@ -28,7 +28,7 @@ def test_a_link_to_the_users_own_files_is_refused(lab: Lab, temporary: Path):
     assert list(precious.parent.iterdir()) == [precious]
 
 
-@pytest.mark.needs("root")  # only root can make another user's folder
+@pytest.mark.needs("users")
 def test_a_folder_of_another_user_is_refused(lab: Lab, temporary: Path):
     temporary.mkdir(mode=0o777)
     os.chown(temporary, 65534, 65534)

@@ -8,6 +8,7 @@ import os
 import shutil
 import socket
 import subprocess
+import tempfile
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import NamedTuple
@@ -56,6 +57,13 @@ def _can_mount() -> bool:
     return _works(*enter, "mount", "-t", "tmpfs", "none", "/mnt")
 
 
+def _has_other_users() -> bool:
+    with suppress(OSError), tempfile.NamedTemporaryFile() as file:
+        os.chown(file.name, 65534, -1)
+        return True
+    return False
+
+
 def _has_sandbox() -> bool:
     from quadctl.cli.lab import machine
 
@@ -83,7 +91,9 @@ ABILITIES = {
     ),
     "mounts": Ability(_can_mount, "mount namespaces, as above, with / as a mount point"),
     "sandbox": Ability(_has_sandbox, "what the sandbox of `quadctl lab grade` needs: namespaces"),
-    "root": Ability(lambda: os.geteuid() == 0, "the tests run as root"),
+    "users": Ability(
+        _has_other_users, "files of other users: the tests run as root, with all users"
+    ),
     "ipv6": Ability(_has_ipv6, "IPv6 on the loopback: sysctl net.ipv6.conf.lo.disable_ipv6=0"),
     "shm": Ability(lambda: os.access("/dev/shm", os.W_OK), "a writable /dev/shm"),
     "rounding": Ability(

@@ -143,7 +143,7 @@ def test_a_python_that_does_not_fit_is_told_in_one_line(checkout, customised, to
     assert checkout.content() == before
 
 
-@pytest.mark.needs("namespaces")
+@pytest.mark.needs("ip", "mounts")
 @pytest.mark.parametrize(
     ("machine", "told"),
     [

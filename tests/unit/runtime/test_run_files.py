@@ -19,7 +19,9 @@ from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 from quadctl.services.runtime.supervisor.control import stop_run
 
-RUN = RunState("lab", 4711, ["uav"], [ProcessRecord("hub", 4712, "ready", 0, 1.5)])
+PID = 1 << 22
+"""Above all that Linux gives to processes."""
+RUN = RunState("lab", PID, ["uav"], [ProcessRecord("hub", PID + 1, "ready", 0, 1.5)])
 
 
 @pytest.fixture
@@ -135,7 +137,7 @@ def test_the_record_has_the_format_of_status(realm: Realm):
     run_files.write(realm, RUN)
     assert msgspec.json.decode(realm.record.read_bytes()) == {
         "realm": "lab",
-        "pid": 4711,
+        "pid": PID,
         "vehicles": ["uav"],
-        "nodes": [{"name": "hub", "pid": 4712, "state": "ready", "restarts": 0, "started": 1.5}],
+        "nodes": [{"name": "hub", "pid": PID + 1, "state": "ready", "restarts": 0, "started": 1.5}],
     }

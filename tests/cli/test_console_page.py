@@ -72,6 +72,7 @@ def phone(console: Console, chromium: Browser) -> Iterator[Tab]:
 def at_rest(page: Tab) -> None:
     """Wait for a hover, so that no test begins during the flight of another."""
     page.front()
+    page.js("document.activeElement?.blur()")  # keys would go to a field that a test has typed in
     page.until("document.body.dataset.state === 'HOVERING'")
 
 

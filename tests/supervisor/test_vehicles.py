@@ -174,12 +174,12 @@ def test_listings_show_all_vehicles_and_name_the_vehicle_of_each_line(three_vehi
 
 
 @pytest.mark.thorough
-def test_a_full_key_selects_its_vehicle(three_vehicles: Lab):
-    echoed = three_vehicles.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
+def test_a_full_key_selects_its_vehicle(at_start: Lab):
+    echoed = at_start.quadctl("topic", "echo", "/uav2/pose", "-n", 1, "--json").json
     assert round(echoed["position"]["y"]) == 1
-    assert three_vehicles.quadctl("service", "call", "/uav1/hold").code == 0
-    assert three_vehicles.quadctl("topic", "info", "uav0/sensors/pressure").code == 0
-    everybody = three_vehicles.quadctl("topic", "echo", "*/safety/state", "-n", 3, "--json")
+    assert at_start.quadctl("service", "call", "/uav1/hold").code == 0
+    assert at_start.quadctl("topic", "info", "uav0/sensors/pressure").code == 0
+    everybody = at_start.quadctl("topic", "echo", "*/safety/state", "-n", 3, "--json")
     assert everybody.code == 0, everybody.err
 
 

@@ -252,6 +252,9 @@ def test_an_older_viewer_names_the_protocol_differently(port: int):
 
 
 def test_a_late_subscriber_gets_state_and_scene_at_once(port: int, client: FoxgloveClient):
+    client.message(
+        "uav/safety/state"
+    )  # the bridge has one: its first may come after the first pose
     with FoxgloveClient(port) as late:
         asked = time.time_ns()
         late.subscribe("uav/safety/state", "/scene")

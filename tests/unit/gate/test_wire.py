@@ -201,6 +201,7 @@ def use_everything(session: zenoh.Session) -> list[Any]:
     return held
 
 
+@pytest.mark.thorough
 def test_all_that_a_client_sends_is_read(tap: Tap):
     found, pieces = Declarations(), 0
 

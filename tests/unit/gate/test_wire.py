@@ -201,7 +201,8 @@ def use_everything(session: zenoh.Session) -> list[Any]:
     return held
 
 
-@pytest.mark.thorough
+@pytest.mark.prove
+@pytest.mark.alone  # beside other tests its client connected anew, 2 of 8 times, for a reason not found
 def test_all_that_a_client_sends_is_read(tap: Tap):
     found, pieces = Declarations(), 0
 

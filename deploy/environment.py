@@ -142,9 +142,8 @@ def _renew(environment: Path, lock: IO[str]) -> None:
 
 def _extend(environment: Path, lock: IO[str]) -> None:
     """Add what developers need to an environment for users."""
-    if (
-        environment / STAMPS[DEVELOPER]
-    ).exists():  # packages that are not needed any more would stay
+    if (environment / STAMPS[DEVELOPER]).exists():
+        # Packages that are not needed any more would stay.
         _renew(environment, lock)
     [packages] = environment.glob("lib/python*/site-packages")
     before = packages.stat().st_mtime_ns

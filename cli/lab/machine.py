@@ -52,9 +52,8 @@ class Machine(Struct, frozen=True):
         if not self.landlock:
             found.append(f"read or change {'what every user may' if self.user else 'your files'}")
         elif not self.user:
-            found.append(
-                "spoil your files"
-            )  # change their rights; before version 3 also empty them
+            # It can change their rights, and before version 3 also empty them.
+            found.append("spoil your files")
         if not self.user:
             found.append(f"reach {'or end ' if self.landlock < 6 else ''}your programs")
         return ", ".join(found)

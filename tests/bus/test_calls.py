@@ -67,6 +67,7 @@ def test_a_past_time_is_refused_and_a_reset_drops_scheduled_calls(hover: Bare):
 
 def test_a_reset_begins_the_boot_it_names_only_once(hover: Bare):
     poses = hover.watch("uav/pose")
+    poses.next()  # dynamics publishes poses for subscribers that it knows of
     named = hover.query("uav/@srv/reset", pack({}), attachment=ticket(30, boot="first"))
     assert named.value == {"success": True}
     poses.until(lambda p: (p["boot"], p["seq"]) == ("first", 0))

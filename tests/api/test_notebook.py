@@ -10,7 +10,6 @@ NOTEBOOK = Path(__file__).parents[2] / "examples" / "two_missions.ipynb"
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(120)
 def test_the_notebook_flies_draws_and_compares_two_missions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -52,7 +52,6 @@ def test_two_operators_share_one_queue(lab: Lab):
 
 
 @pytest.mark.prove
-@pytest.mark.timeout(300)
 def test_two_operators_share_one_queue_for_a_thousand_gotos(lab: Lab, proofs: Proofs):
     lab.start("--set", "dynamics.start.z=1", *PATIENT)
     taken, refused = two_operators(lab, 500)

@@ -158,7 +158,6 @@ def test_in_lockstep_no_message_of_a_node_of_ones_own_is_lost_to_a_slow_reader(l
 
 @pytest.mark.prove
 @pytest.mark.alone
-@pytest.mark.timeout(300)
 def test_answers_beside_a_stalled_viewer_are_not_later(flying_lab: Lab, proofs: Proofs):
     free: list[float] = []
     beside: list[float] = []

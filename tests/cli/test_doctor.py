@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from tests.support.bare import Bare, pack
-from tests.support.doctored import Found, ask, frozen, glance
+from tests.support.doctored import Found, ask, glance
 from tests.support.lab import NODES, Lab, private_lab
 from tests.support.running import DEADLINE, Done, eventually
 
@@ -110,8 +110,7 @@ def test_doctor_works_as_text_and_with_only_the_hubs_endpoint(shared_lab: Lab):
 
 @pytest.mark.thorough
 def test_doctor_finds_a_frozen_node(patient: Lab):
-    pid = patient.nodes()["pressure"]["pid"]
-    with patient.bare() as bare, frozen(patient, pid):
+    with patient.bare() as bare, patient.frozen("pressure") as pid:
         # The hub drops it when its lease expires.
         eventually(lambda: "pressure" not in bare.nodes())
         found = ask(patient)
@@ -150,7 +149,7 @@ def test_doctor_finds_an_announced_node_that_keeps_silent(patient: Lab):
 
 @pytest.mark.thorough
 def test_doctor_ends_with_a_frozen_hub_and_skips_its_checks(patient: Lab):
-    with frozen(patient, patient.nodes()["hub"]["pid"]):
+    with patient.frozen("hub"):
         found = ask(patient, "--timeout", 0.3)
     assert found.failed == {"hub answers", "node hub"}
     for name in NEED_THE_HUB:

@@ -66,7 +66,6 @@ def test_commands_end_in_time_right_after_a_freeze(patient: Lab, who: str):
 
 @pytest.mark.prove
 @pytest.mark.alone
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("who", ["", *FREEZABLE])
 def test_commands_end_in_time_after_the_hub_dropped_a_process(
     patient: Lab, proofs: Proofs, who: str

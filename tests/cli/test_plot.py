@@ -1,6 +1,5 @@
 """`plot`: a picture of a recorded or a live flight."""
 
-import os
 import signal
 
 import pytest
@@ -38,12 +37,10 @@ def test_ctrl_c_draws_the_poses_received_so_far(shared_lab: Lab, hover: Bare):
     assert "<svg" in (shared_lab.folder / "then.svg").read_text()
 
 
-def test_a_frozen_hub_ends_plot_by_its_timeout(shared_lab: Lab):
-    pid = shared_lab.signal("hub", signal.SIGSTOP)
-    try:
-        done = shared_lab.quadctl("plot", "--live", "--timeout", 0.5, "--json")
-    finally:
-        os.kill(pid, signal.SIGCONT)
+def test_a_frozen_hub_ends_plot_by_its_timeout(lab: Lab):
+    lab.start("--set", "supervise.answer_timeout=60")
+    with lab.frozen("hub"):
+        done = lab.quadctl("plot", "--live", "--timeout", 0.5, "--json")
     assert (done.code, done.error["code"]) == (4, "timeout")
-    assert not (shared_lab.folder / "live.png").exists()
-    eventually(lambda: shared_lab.quadctl("state").code == 0)
+    assert not (lab.folder / "live.png").exists()
+    eventually(lambda: lab.quadctl("state").code == 0)

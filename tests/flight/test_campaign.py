@@ -42,7 +42,6 @@ def report(module_lab: Lab) -> dict[str, Any]:
     return document
 
 
-@pytest.mark.timeout(300)
 def test_a_campaign_is_independent_of_the_number_of_processes(
     module_lab: Lab, report: dict[str, Any]
 ):

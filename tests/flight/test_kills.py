@@ -62,7 +62,6 @@ def test_a_killed_node_restarts_and_the_vehicle_stays_in_the_cage(patient: Lab, 
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(180)
 def test_nodes_killed_again_and_again_restart_and_the_vehicle_stays_in_the_cage():
     def kill_each(lab: Lab, seed: int) -> None:
         start_patient(lab)

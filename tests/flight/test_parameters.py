@@ -7,7 +7,6 @@ from itertools import pairwise
 import pytest
 
 from tests.support.bare import Bare, gap, speed
-from tests.support.doctored import frozen
 from tests.support.lab import PATIENT, Lab, private_lab
 from tests.support.running import eventually
 
@@ -230,7 +229,7 @@ def test_a_patience_for_setpoints_set_live_is_safetys_too(
     assert session.call("goto", x=far, y=0.0, z=1.0, replace=True).value["accepted"]
     # It turns round, so safety has seen it fly to this goal.
     start = poses.until(lambda p: p["velocity"]["x"] * far > 0.2)
-    with frozen(tuned, tuned.nodes()["safety"]["pid"]):
+    with tuned.frozen("safety"):
         poses.until(lambda p: p["stamp"] > start["stamp"] + 0.7)
     went_on = "went on after a pause: the vehicle received no setpoint"
     mark = poses.messages[-1]["stamp"]

@@ -12,7 +12,6 @@ RECORDED = data.read("hashes")
 
 @pytest.mark.thorough
 @pytest.mark.needs("rounding")
-@pytest.mark.timeout(300)  # with a minute or more to compile, on a busy machine
 def test_flights_and_campaigns_have_the_recorded_hashes():
     compiled_kernel()
     with private_lab() as lab:

@@ -55,7 +55,6 @@ def test_mavsdk_4_flies_the_checkpoints_a_fence_and_a_mission():
 
 
 @pytest.mark.prove
-@pytest.mark.timeout(300)
 def test_mavsdk_3_flies_the_checkpoints_a_fence_and_a_mission(tmp_path: Path):
     # Both versions have the same package name, so this one is installed beside us.
     venv.create(tmp_path, with_pip=False)

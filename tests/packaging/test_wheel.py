@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 SCRIPTS = "Scripts" if os.name == "nt" else "bin"
 
-pytestmark = [pytest.mark.thorough, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.thorough
 
 
 def run(*command: str | Path, cwd: Path) -> str:

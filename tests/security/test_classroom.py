@@ -25,7 +25,7 @@ from tests.support.intruder import sent
 from tests.support.proofs import Proofs
 from tests.support.running import Done, eventually
 
-pytestmark = [pytest.mark.prove, pytest.mark.alone, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.prove, pytest.mark.alone]
 
 ARENA = "tls/10.7.1.1:7448"
 SETPOINT = ("boot=x", "for_seq=1", "position.x=9", "position.y=9", "position.z=9", "brake=false")

@@ -109,7 +109,6 @@ def test_half_open_connections_keep_nobody_out(field: Lab):
 
 @pytest.mark.prove
 @pytest.mark.alone
-@pytest.mark.timeout(200)
 def test_a_thousand_strangers_for_a_minute_delay_nobody(field: Lab, proofs: Proofs):
     took: list[float] = []
     began, gap = time.monotonic(), 0.0
@@ -159,7 +158,6 @@ def test_a_client_with_too_many_declarations_is_sent_away(field: Lab):
 
 @pytest.mark.prove
 @pytest.mark.alone
-@pytest.mark.timeout(200)
 def test_who_leaves_delays_no_pose_by_50_ms(field: Lab, proofs: Proofs):
     worst = dict.fromkeys(SHAPES, 0.0)
     with session(TLS, field.folder / "keys" / "eve") as other:

@@ -1,10 +1,5 @@
 """Reports of doctor about a system, by check."""
 
-import os
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 from tests.support.lab import Lab
 from tests.support.running import Done
 
@@ -42,12 +37,3 @@ def ask(lab: Lab, *words: object) -> Found:
 def glance(lab: Lab, *words: object) -> Found:
     """Run doctor without time for the bus: it still makes the other checks."""
     return ask(lab, "--timeout", "0.3", *words)
-
-
-@contextmanager
-def frozen(lab: Lab, pid: int) -> Iterator[None]:
-    os.kill(pid, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        os.kill(pid, signal.SIGCONT)

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -180,6 +180,19 @@ class Lab:
         pid: int = self.nodes()[node]["pid"]
         os.kill(pid, number)
         return pid
+
+    @contextmanager
+    def frozen(self, node: str) -> Iterator[int]:
+        """Freeze a node for the block, and yield its pid.
+
+        On a busy machine its supervisor may have replaced it at the end.
+        """
+        pid = self.signal(node, signal.SIGSTOP)
+        try:
+            yield pid
+        finally:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
 
     def revived(self, node: str, old: int, within: float = DEADLINE) -> None:
         """Wait until the node is ready as another process."""

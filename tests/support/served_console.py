@@ -23,7 +23,11 @@ def served(lab: Lab, *words: str) -> Iterator[Console]:
     """Run `quadctl console` on a free port; unless the block has ended it, Ctrl-C must."""
     process = lab.spawn(*lab.command("console", "--port", "0", "--json", *words))
     printed = eventually(lambda: _printed(process))
-    yield Console(process, printed["url"], printed["watch"])
+    try:
+        yield Console(process, printed["url"], printed["watch"])
+    except BaseException:
+        process.end()
+        raise
     if not process.ended:
         process.send(signal.SIGINT)
         assert process.wait() == 130, process.log

@@ -8,8 +8,6 @@ from tests.support.compiled import compiled_vehicle
 from tests.support.lab import CACHE
 from tests.support.running import eventually
 
-pytestmark = pytest.mark.timeout(200)
-
 
 def test_compilation_runs_in_the_background(monkeypatch: pytest.MonkeyPatch):
     compiled_vehicle()

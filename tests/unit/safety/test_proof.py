@@ -88,7 +88,6 @@ SHARES = 7
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("share", range(SHARES))
 def test_every_event_keeps_the_invariants(share: int):
     proof = Proof()

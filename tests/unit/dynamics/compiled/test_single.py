@@ -12,8 +12,6 @@ from quadctl.services.dynamics.vehicle import Fly, Vehicle
 from tests.support.compiled import compiled_vehicle
 from tests.unit.dynamics.compiled.test_fleet import vehicles
 
-pytestmark = pytest.mark.timeout(200)
-
 
 @pytest.fixture(scope="module")
 def code() -> Code:

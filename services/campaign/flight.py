@@ -62,6 +62,8 @@ REST = 1.0
 """Time (s) after which a vehicle at rest must be at the goal that safety publishes."""
 NEAR = 0.3
 """Distance (m) from that goal that still counts as there."""
+ON_FLOOR = 0.02
+"""Height (m) below which a vehicle has landed, in still air."""
 DEPTH = 0.01
 """Distance (m) that a sound vehicle in still air may come into a zone."""
 PERIOD = 1 / SETPOINT.hz
@@ -372,6 +374,9 @@ class SimulatedFlight:
         rests = s.state is State.HOVERING and self.diary.now - since > REST
         if rests and dist(astuple(s.goal), astuple(pose.position)) > NEAR:
             self.diary.violated("it rests away from the goal that safety publishes")
+        lands = self.healthy and not s.brake and s.goal.z <= 0.0
+        if rests and lands and pose.position.z > ON_FLOOR:
+            self.diary.violated("it hovers at the end of a landing")
 
     def _expect_stops(self, *, acted: bool) -> None:
         s, now = self.monitor.situation, self.diary.now

@@ -82,8 +82,8 @@ def goto(
             # Contact takes the speed to the side, and a soft velocity_gain takes long to make up for
             # it: near the floor a flight begins where the vehicle soonest stops, straight up.
             rises = (sz < HOP - REST) | (ez < HOP - REST)
-            hops = rises & (low | moves | flat)
             lands = rises & (here > 0.0) & (z <= 0.0)
+            hops = rises & (lands == 0.0) & (low | moves | flat)
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
             hop = (1.0 if rises & (lands == 0.0) else 0.0) + (1.0 if low else 0.0)

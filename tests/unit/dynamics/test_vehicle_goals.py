@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadctl.schemas.params import DynamicsParams, StartParams
-from quadctl.services.campaign.vehicles import Plain
+from quadctl.services.campaign.vehicles import Compiled, Plain, VehicleBatch
 from quadctl.services.dynamics import flight_modes
 from quadctl.services.dynamics.compiled.fleet import CompiledFleet
 from quadctl.services.dynamics.vehicle import Vehicle
@@ -120,6 +120,11 @@ def test_a_long_flat_path_does_not_scrape_the_floor():
     assert abs(lag) < 0.05
 
 
+@pytest.mark.parametrize("seed", [8, 141])
+def test_a_landing_lands_whatever_came_before_it(seed: int):
+    assert highest(Plain, 3, seed) < ON_FLOOR
+
+
 Cage = tuple[float, float, float]
 
 CAGES: dict[str, Cage] = {
@@ -175,6 +180,41 @@ def flights(kernel: ModuleType, cage: Cage, count: int, seed: int) -> float:
     return worst
 
 
+ON_FLOOR = 0.001
+"""Height (m) below which a vehicle has landed."""
+_NEARS = (0.0, 0.0005, 0.003, 0.009, 0.011, 0.05, 1.0)
+"""Distances (m) of a goal from the vehicle, about that of a place that needs no hop."""
+
+
+def highest(make: Callable[[list[DynamicsParams]], VehicleBatch], count: int, seed: int) -> float:
+    """Return the greatest height (m) of any vehicle at the end of a landing.
+
+    Each takes off, stops and is sent elsewhere at random times, often during its spin-up.
+    """
+    draws = random.Random(seed)
+    heights = [draws.choice([0.0, 0.0, 0.05, 1.0]) for _ in range(count)]
+    fleet = make([DynamicsParams(start=StartParams(0.0, 0.0, z)) for z in heights])
+    due, left = [0] * count, [draws.randint(1, 5) for _ in range(count)]
+    motion = np.zeros((count, 3))
+    motion[:, 2] = heights
+    for now in range(0, 14_000, PERIOD):
+        for number, (x, y, _) in enumerate(motion):
+            if due[number] > now or left[number] < 0:
+                continue
+            due[number] = now + PERIOD * draws.choice([0, 1, 2, 4, 8, 30])
+            if left[number] and draws.random() < 0.4:
+                fleet.brake(number)
+            else:
+                near = draws.choice(_NEARS)
+                z = draws.choice([0.0, 0.0, 0.001, 0.05, 0.1, 1.0]) if left[number] else 0.0
+                fleet.goto(
+                    number, x + draws.uniform(-near, near), y + draws.uniform(-near, near), z
+                )
+            left[number] -= 1
+        motion = fleet.fly(PERIOD, 1)[0, :3].T
+    return float(motion[:, 2].max())
+
+
 @pytest.fixture(scope="module")
 def farthest() -> Callable[[Cage, int, int], float]:
     kernel = compiled_kernel()
@@ -182,10 +222,18 @@ def farthest() -> Callable[[Cage, int, int], float]:
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize("cage", CAGES)
 def test_2000_flights_of_replaced_goals_stay_inside(farthest, cage: str):
     assert farthest(CAGES[cage], 2000 // len(CAGES), 1) <= MARGIN
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(1800)
+def test_100_000_landings(proofs: Proofs):
+    kernel = compiled_kernel()
+    worst = max(highest(lambda params: Compiled(params, kernel), 2000, n) for n in range(50))
+    proofs.add("100 000 landings after stops and take-offs", f"{1000 * worst:.1f} mm high", "1 mm")
+    assert worst < ON_FLOOR
 
 
 @pytest.mark.prove

@@ -50,6 +50,8 @@ from quadctl.services.safety.zones import Region
 
 PATIENCE = 1.0
 """Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
+WAIT = 30.0
+"""Simulated time (s) for which a goal waits while no vehicle ahead of it is on its way."""
 STOOD_STILL = f"the vehicle stood still for {PATIENCE:g} s on its way"
 
 
@@ -140,6 +142,8 @@ class Monitor:
         )
         self.name = name
         self.held: Held | None = None
+        self._led = 0.0
+        """Stamp (s) at which a vehicle ahead of the goal that waits was last on its way."""
         self._traffic = traffic or Traffic()
         self._traffic.join(self, post)
 
@@ -207,7 +211,9 @@ class Monitor:
         grace = max(self._grace, self._params.pose_timeout)
         if seconds > grace:
             ours = f"safety itself was held up for {own:.2g} s"
-            self._feed(Gone(ours if own > grace else f"no pose for {grace:g} s"))
+            reason = ours if own > grace else f"no pose for {grace:g} s"
+            self._feed(Gone(reason))
+            self._wait_no_more(reason)
 
     def lagged(self, reason: str, seconds: float) -> None:
         """Record how long (s) the vehicle had no setpoint; beyond the grace its flight is over."""
@@ -234,7 +240,6 @@ class Monitor:
         with self._traffic.lock:
             self._feed(Goto(goal, replace, takeoff))
             if self.situation.state is State.VERIFYING:
-                self.held = None
                 self._verify(goal, direct=direct, wait=wait)
             return self.situation.reason
 
@@ -250,10 +255,16 @@ class Monitor:
         self._feed(replace(check, waits=held is not None), world)
         if self.situation.reason.startswith(WAITS):
             self.held = held
+            self._led = self._led if number else self.pose.stamp
 
     def _retry(self, held: Held) -> None:
         """Fly to the goal that waits once its way is free; refuse it once that cannot be."""
         with self._traffic.lock:
+            if self._traffic.leads(self.name):
+                self._led = self.pose.stamp
+            elif self.pose.stamp - self._led > WAIT:
+                self._wait_no_more(f"no vehicle ahead of it has moved on for {WAIT:g} s")
+                return
             s, place = self.situation, astuple(self.pose.position)
             space = space_after(s, held.goal, held.corners, self.world())
             for only in (held.first, ""):
@@ -268,7 +279,6 @@ class Monitor:
                 if again:
                     self.held = held if only else again
                     return
-            self.held = None
             self._feed(Goto(held.goal))
             if self.situation.state is State.VERIFYING:
                 self._verify(held.goal, direct=held.direct, wait=True, number=held.number)
@@ -286,8 +296,12 @@ class Monitor:
 
     def hold(self) -> None:
         """Stop at the stopping point; a goal that waits is dropped."""
-        self.held = None
         self._feed(Hold())
+
+    def _wait_no_more(self, reason: str) -> None:
+        """Drop the goal that waits, if any, with a reason: nobody may wait behind it any longer."""
+        if self.held:
+            self._feed(Hold(f"the goal waits no more, {reason}"))
 
     def part(self, reason: str) -> None:
         """Stop the flight, because another vehicle comes too near."""
@@ -307,7 +321,6 @@ class Monitor:
     def lands(self, why: str) -> None:
         """Stop, and refuse all goals, while the vehicle lands by itself; `why` is empty afterwards."""
         if why and why != self._landing and self.situation.boot:
-            self.held = None
             self._feed(Hold(f"stopped and landing, {why}"))
         self._landing = why
 
@@ -355,7 +368,7 @@ class Monitor:
         return Zones(tuple(map(Zone.of, self._params.zones)))
 
     def _boot(self) -> None:
-        first, self.held = not self.situation.boot, None
+        first = not self.situation.boot
         self._least_acceleration = self._acceleration
         stays = first and self._restarted
         self._void.add(self.situation.boot)
@@ -378,6 +391,9 @@ class Monitor:
         if self._landing:
             world = replace(world, fresh=False, unready=f"the vehicle lands: {self._landing}")
         self.situation = after = step(before, event, world, on_rule=self._on_rule)
+        if not after.reason.startswith(WAITS):
+            # A guard, a fault or another request: the goal must not fly off later by itself.
+            self.held = None
         # A change of `beyond` and `since` alone is not published.
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
         if not same or isinstance(event, Resized):

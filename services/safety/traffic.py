@@ -161,6 +161,18 @@ class Traffic:
             left += before
         return False
 
+    def leads(self, name: str) -> bool:
+        """Return whether a vehicle that this one waits for, by itself or through others, is on its way."""
+        seen, left = set[str](), [name]
+        while left:
+            held = self._members[left.pop()][0].held
+            ahead = {held.first, *(mark[0] for mark in held.behind)} - seen if held else set[str]()
+            if any(self._members[each][0].situation.state is State.MOVING for each in ahead):
+                return True
+            seen |= ahead
+            left += ahead
+        return False
+
     def _stands(self, mark: Mark) -> bool:
         """Return whether a vehicle is still where it was, or waits for the same goal."""
         member = self._members[mark[0]][0]

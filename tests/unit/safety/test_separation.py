@@ -183,6 +183,51 @@ def test_hold_drops_a_goal_that_waits():
     assert fleet.members[1].place.y == pytest.approx(1.4, abs=0.01)
 
 
+def waiting() -> FleetFlight:
+    """Return a flight of one vehicle, for which a second one waits, for which a third one waits."""
+    fleet = flight((-1.4, 0, 1), (0, 1.4, 1), (0, 4.0, 1))
+    fleet.goto(0, Position(1.4, 0, 1))
+    assert fleet.goto(1, Position(0, -1.4, 1), wait=True).startswith("waits: separation: uav0")
+    assert fleet.goto(2, Position(0, 1.2, 1), wait=True).startswith("waits: separation: uav1")
+    return fleet
+
+
+def test_a_goal_that_waits_ends_with_the_poses_of_its_vehicle():
+    fleet = waiting()
+    blind = fleet.members[1].monitor
+    blind.lose()
+    blind.silent(0.5)
+    assert blind.state().reason.startswith("waits"), "a pause within the grace"
+    blind.silent(1.5)
+    assert blind.state().reason == "the goal waits no more, no pose for 1 s"
+    fleet.land()
+    # It stays, also with poses; nobody waits behind it.
+    assert fleet.members[1].place.y == pytest.approx(1.4, abs=0.01)
+    assert fleet.members[2].monitor.state().reason.startswith("separation: uav1 ")
+
+
+def test_a_goal_that_waits_ends_with_a_fault_of_its_vehicle():
+    fleet = waiting()
+    member = fleet.members[1]
+    pose = member.monitor.pose
+    x, y, z = (pose.position.x, pose.position.y, pose.position.z)
+    member.monitor.see(replace(pose, stamp=pose.stamp + 0.001, position=Position(x + 3, y, z)))
+    assert member.monitor.state().reason.startswith("stopped, the pose jumped by 3 m")
+    fleet.land()
+    assert member.place.y == pytest.approx(1.4, abs=0.01)
+
+
+def test_a_goal_that_waits_ends_when_nobody_ahead_of_it_moves_on():
+    fleet = waiting()
+    # The clock of the second vehicle stands still, so that it can never fly.
+    fleet.members.pop(1)
+    fleet.fly(31.0)
+    assert fleet.members[1].monitor.state().reason.startswith("waits")
+    fleet.fly(5.0)
+    reason = "the goal waits no more, no vehicle ahead of it has moved on for 30 s"
+    assert fleet.members[1].monitor.state().reason == reason
+
+
 def test_vehicles_that_start_too_near_may_only_leave_each_other():
     fleet = flight((0, 0, 1), (0.3, 0, 1))
     assert fleet.goto(0, Position(1, 0, 1)).startswith("separation: uav1")

@@ -4,7 +4,8 @@
 `param set` changes values at once if a node reads them at its next step.
 """
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, field
 
@@ -195,6 +196,13 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
     speed: Annotated[
         float, described("simulated seconds per second; 0 is as fast as possible", ge=0, le=1000)
     ] = 1.0
+    lockstep: Annotated[
+        bool,
+        described(
+            "the simulated clock waits for safety also at speed 1, as it does at any other: flights"
+            " are the same under any load, and calls may be scheduled"
+        ),
+    ] = False
     seed: Annotated[
         int, described("seed of all random numbers, such as gusts and sensor noise", ge=0, lt=2**31)
     ] = 0
@@ -221,11 +229,21 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
         """Raise ValueError if poses miss the 1 ms steps, or a fault would stop the clock."""
         if (1000 / self.rate) % 1:
             raise ValueError(f"rate {self.rate} Hz: 1000 / rate must be a whole number")
-        if self.speed != 1 and self.fault.pose in {"frozen", "delayed"}:
+        if self.in_lockstep and self.fault.pose in {"frozen", "delayed"}:
             raise ValueError(
-                f"fault.pose {self.fault.pose}: in lock-step (speed {self.speed:g}) the clock would"
-                " wait for the pose for ever; it needs speed 1"
+                f"fault.pose {self.fault.pose}: in lock-step the clock would wait for the pose for"
+                " ever; it needs speed 1 and lockstep false"
             )
+
+    @property
+    def in_lockstep(self) -> bool:
+        """Return whether the simulated clock waits for safety, for as long as the run lasts."""
+        return self.lockstep or self.speed != 1
+
+
+def in_lockstep(values: Mapping[str, Any]) -> bool:
+    """Return whether the parameters of a run, by dotted name, put it in lock-step."""
+    return values.get("dynamics.speed", 1.0) != 1 or bool(values.get("dynamics.lockstep"))
 
 
 class SuperviseParams(Struct, forbid_unknown_fields=True):
@@ -251,17 +269,17 @@ class Params(Struct, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         """Raise ValueError if values of different tables do not fit together."""
-        if self.pressure.source == "iio" and self.dynamics.speed != 1:
+        if self.pressure.source == "iio" and self.dynamics.in_lockstep:
             raise ValueError(
-                "pressure.source iio reads a real sensor, in real time: it needs dynamics.speed 1,"
-                f" not {self.dynamics.speed:g}"
+                "pressure.source iio reads a real sensor, in real time: it needs dynamics.speed 1"
+                " and dynamics.lockstep false"
             )
 
 
 FIXED_AT_LAUNCH = frozenset(
     (
-        "safety.cage_on", "pressure.source", "pressure.iio", "dynamics.speed", "dynamics.seed",
-        "dynamics.grace", "hub.transport", "hub.listen", "hub.connect",
+        "safety.cage_on", "pressure.source", "pressure.iio", "dynamics.speed", "dynamics.lockstep",
+        "dynamics.seed", "dynamics.grace", "hub.transport", "hub.listen", "hub.connect",
     )
 )  # fmt: skip
 """Parameters shared by all processes, or with irreversible effects: `param set` refuses these."""

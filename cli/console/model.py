@@ -15,6 +15,7 @@ from quadctl.schemas.messages import (
     StateName,
     Zone,
 )
+from quadctl.schemas.params import in_lockstep
 from quadctl.schemas.zones import FARTHEST
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.terminal import escaped
@@ -330,7 +331,7 @@ def readouts(board: Board, target: Position | None) -> dict[str, str]:
         v = pose.velocity
         texts |= {axis: f"{getattr(pose.position, axis) + 0.0:.2f}" for axis in "xyz"}
         texts["speed"] = f"{math.hypot(v.x, v.y, v.z):.2f} m/s"
-        texts["time"] = f"{pose.stamp:.1f} s"
+        texts["time"] = f"{pose.stamp:.1f} s{' in lock-step' if in_lockstep(board.values) else ''}"
         texts["height"] = f"{pose.position.z:.2f} m"
     if state is not None:
         texts |= {"state": state.state, "reason": state.reason, "goal": point(state.goal)}

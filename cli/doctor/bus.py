@@ -9,6 +9,7 @@ from quadctl.cli.doctor.run import Settings, faults, parameters
 from quadctl.schemas.barometer import AIR
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.messages import Pressure
+from quadctl.schemas.params import in_lockstep
 from quadctl.schemas.topics import (
     MESSAGES,
     POSE,
@@ -191,17 +192,32 @@ _CLOCKS = 0.5
 """Seconds that two clocks may differ."""
 
 
+def running_values(found: Survey) -> dict[str, Any]:
+    """Return the parameters that the nodes have reported, by dotted name."""
+    replies = (answer.values for answers in found.answers.values() for answer in answers)
+    return {name: value for values in replies for name, value in values.items()}
+
+
+def timing(values: Mapping[str, Any]) -> Finding:
+    """Report the time of the run, which decides what a silence does and whether missions fly in it."""
+    if "dynamics.speed" not in values:
+        return passed("time", "real time: nothing simulates")
+    if not in_lockstep(values):
+        return passed("time", "real time")
+    speed = values["dynamics.speed"]
+    return passed("time", f"lock-step, at speed {speed:g}: the clock waits for safety")
+
+
 def topics(found: Survey, vehicle: str) -> Iterator[Finding]:
     """Check every topic with a declared rate."""
-    values = (answer.values for answers in found.answers.values() for answer in answers)
-    speed = next((v["dynamics.speed"] for v in values if "dynamics.speed" in v), 1.0)
+    waits = in_lockstep(running_values(found))
     # Simulated seconds per second, by the vehicle's own stamps.
     pace = found.topics.get(POSE.key(vehicle), TopicStats()).pace
     offers = {offer.key: offer for offer in found.offers if offer.kind == "@pub" and offer.hz}
     for key, offer in offers.items():
         # Safety publishes its state by the wall clock, and on each change.
         at_least = key == STATE.key(vehicle)
-        in_time = 1.0 if speed == 1 or at_least else pace
+        in_time = pace if waits and not at_least else 1.0
         yield topic(offer, found.topics[key], found.listened, in_time, at_least=at_least)
 
 
@@ -259,7 +275,7 @@ def clocks(found: Survey) -> Finding:
 
 _NEED_THE_HUB = (
     "announced", "schemas", "messages", "servers", "publishers", "topics", "services", "clocks", "barometer",
-    "parameters",
+    "time", "parameters",
 )  # fmt: skip
 
 
@@ -283,7 +299,7 @@ def bus(
     yield from services(found)
     yield clocks(found)
     yield from barometer(found, vehicle)
-    replies = (answer.values for answers in found.answers.values() for answer in answers)
-    running = {name: value for values in replies for name, value in values.items()}
+    running = running_values(found)
+    yield timing(running)
     yield parameters(settings, running)
     yield faults(running)

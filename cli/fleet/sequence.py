@@ -14,7 +14,7 @@ from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import Hubs
 from quadctl.cli.fleet.plan import STOP, Leg, Point, Space, plan
 from quadctl.schemas.messages import CageSize, Pose, Position
-from quadctl.schemas.params import SeparationParams
+from quadctl.schemas.params import SeparationParams, in_lockstep
 from quadctl.schemas.services import GetParamsRequest, HoldRequest
 from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
 from quadctl.schemas.zones import FARTHEST, ZoneParams
@@ -37,14 +37,14 @@ _STOPPING = 3.0
 
 
 class Known(Struct, frozen=True):
-    """A vehicle's pose, its goal (m) in flight, what it has to keep to, and how fast its simulation runs."""
+    """A vehicle's pose, its goal (m) in flight, what it has to keep to, and if its clock may wait."""
 
     pose: Pose
     flies_to: Position | None
     separation: SeparationParams
     cage: CageSize
     region: Region
-    speed: float
+    lockstep: bool
 
     @property
     def place(self) -> Point:
@@ -140,9 +140,8 @@ def _known(client: Client) -> Known:
     if not flies_to:
         # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
         pose = slowed(client, AT_REST, _STOPPING, HIDDEN) or client.first(POSE_SLOW)
-    flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.speed"])).values
-    speed = flown["dynamics.speed"]
-    return Known(pose, flies_to, separation, cage, Region(zones), speed)
+    flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics"])).values
+    return Known(pose, flies_to, separation, cage, Region(zones), in_lockstep(flown))
 
 
 def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg]:
@@ -184,7 +183,7 @@ class Course:
         self._begun = [Event() for _ in legs]
         self._failed: set[str] = set()
         self.keeps = _keeps([*known.values()])
-        self.in_real_time = all(one.speed == 1 for one in known.values())
+        self.in_real_time = not any(one.lockstep for one in known.values())
 
     @property
     def is_ordered(self) -> bool:

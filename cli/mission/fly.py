@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
+from msgspec.structs import replace
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
@@ -17,7 +18,7 @@ from quadctl.cli.mission.digest import FlightRecord, Record
 from quadctl.cli.mission.mission import NODES, MissionFile, ParamStep, Row, mission
 from quadctl.cli.progress import Progress
 from quadctl.cli.temporary_run import temporary_run
-from quadctl.schemas.params import Params
+from quadctl.schemas.params import Params, in_lockstep
 from quadctl.schemas.services import (
     CalibrateRequest,
     CalibrateResponse,
@@ -39,6 +40,7 @@ from quadctl.schemas.topics import (
     get_params,
     set_params,
 )
+from quadctl.services.runtime import process_table, run_files
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.scheduled_calls import FutureCall
 from quadctl.services.runtime.bus.session import LEASE_PATIENT_MS
@@ -50,17 +52,17 @@ from quadctl.services.runtime.errors import (
     TimedOut,
     UsageError,
 )
-from quadctl.services.runtime.params.load import read
+from quadctl.services.runtime.params.load import check, read
 from quadctl.services.runtime.params.names import nearest
-from quadctl.services.runtime.realm import DEFAULT, listed
+from quadctl.services.runtime.realm import DEFAULT, Realm, listed
 from quadctl.services.runtime.supervisor.launch import Launch
 
 _BACKLOG = 200_000  # messages that may wait while this process is not scheduled; none may be lost
 _LOOK = 0.02  # s between two reads: a wake for each message would slow down the flight
 _PATIENCE = 60.0
 _SLOWER = 20.0
-_EXAMPLE = "`quadctl init --mission` writes one to begin with, mission.toml"
 """A mission may take _PATIENCE s plus this many times its length at the requested speed."""
+_EXAMPLE = "`quadctl init --mission` writes one to begin with, mission.toml"
 
 
 R = TypeVar("R", bound=FlightRecord)
@@ -130,7 +132,7 @@ class MissionFlight(Generic[R]):
         for row, service, request in calls:
             # The outcome of a row is read after the flight.
             self.rows.append((row, self._ahead(service, request, row.at, lambda: None)))
-        # A node runs in lock-step while it holds a call: so each gets one for the end.
+        # The answers at the end show that each node has published all before it.
         for node in self._nodes:
             request = GetParamsRequest([node])
             end = self._ahead(get_params(node), request, self._mission.end, self._settle)
@@ -224,20 +226,20 @@ def fly(
     Prints the SHA-256 of every pose, of safety's transitions and of the barometer's readings: the
     same for every flight of the mission with these parameters, at any speed and load.
 
-    A mission with a table [set] of parameters flies in a run of its own.
+    It flies in the running system if that is in lock-step, else in a run of its own with the same
+    parameters; a mission with a table [set] of parameters always flies in a run of its own.
 
     Example: quadctl fly examples/mission.toml
     """
     plan = _read(mission_file)
-    with _connection(options, mission_file, plan.params) as client:
-        own = plan.params is not None
+    with _connection(options, mission_file, plan.params) as (client, own):
         flight = MissionFlight(client, plan, Record, silence=LEASE_PATIENT_MS / 1000 if own else 0)
         began = time.monotonic()
         try:
             with Progress("flying", quiet=options.json) as progress:
                 flight.fly(lambda at: progress.update(at / plan.end, f"{at:.1f} s"))
         except KeyboardInterrupt:
-            if plan.params is None:
+            if not own:
                 output.note("the mission is dropped: the vehicle is back at its start")
             raise
         wall = time.monotonic() - began
@@ -278,22 +280,54 @@ def _is_mission(file: Path) -> bool:
 
 
 @contextmanager
-def _connection(options: Options, file: Path, params: Params | None) -> Iterator[Client]:
-    """Connect to the running system or, given parameters, to a run of the mission's own."""
-    if params is None:
+def _connection(
+    options: Options, file: Path, params: Params | None
+) -> Iterator[tuple[Client, bool]]:
+    """Connect to the running system if missions fly in it, else to a run of the mission's own.
+
+    Yields also whether it is an own run.
+    """
+    if params is not None:
+        if options.connect or options.realm_given:
+            raise UsageError(
+                f"{file} has [set]: it flies in a run of its own, in no other",
+                "leave out --realm and --connect; or fly a mission without [set]",
+            )
+        output.note(f"{file} has [set]: it flies in a run of its own")
+        vehicle = options.named or DEFAULT
+        launch = Launch("", {vehicle: params}, [], str(Path.cwd()))
+    else:
         with context.connect(options) as client:
-            yield client
-        return
-    if options.connect or options.realm_given:
-        raise UsageError(
-            f"{file} has [set]: it flies in a run of its own, in no other",
-            "leave out --realm and --connect; or fly a mission without [set]",
+            flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics"])).values
+            if in_lockstep(flown):
+                yield client, False
+                return
+            vehicle = client.vehicle
+        launch = _like(options, vehicle)
+        output.note(
+            f"the realm {options.realm} is in real time: the mission flies in a run of its own, in"
+            f" lock-step, with the parameters of {vehicle}"
         )
-    output.note(f"{file} has [set]: it flies in a run of its own")
-    vehicle = options.named or DEFAULT
-    launch = Launch(f"fly-{os.getpid()}", {vehicle: params}, [], str(Path.cwd()), patient=True)
+    launch = replace(launch, realm=f"fly-{os.getpid()}", patient=True)
     with temporary_run(launch), Client(launch.realm, vehicle, timeout=options.timeout) as client:
-        yield client
+        yield client, True
+
+
+def _like(options: Options, vehicle: str) -> Launch:
+    """Return a launch of one vehicle of the realm's run, in lock-step, as fast as it goes."""
+    realm = Realm(options.realm)
+    if options.connect or not run_files.is_live(realm):
+        raise Refused(
+            f"the run of {vehicle} is in real time, and missions fly in lock-step",
+            "launch it with `--set dynamics.lockstep=true`; or fly in a run of `quadctl up` here,"
+            " without --connect",
+        )
+    run, tables = run_files.read(realm), run_files.tables(realm, vehicle)
+    del tables["hub"]  # the addresses are taken
+    tables["dynamics"]["speed"] = 0.0
+    missing = {*process_table.NODES} - {node.name for node in run.nodes}
+    params = check(tables, f"the realm {realm.name}, as fast as it goes")
+    return Launch("", {vehicle: params}, sorted(missing), run.folder)
 
 
 def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:

@@ -115,7 +115,8 @@ def status(options: Options) -> None:
         output.document(msgspec.to_builtins(run) | {"faults": faults})
         return
     vehicles = f"vehicle{'s' if len(run.vehicles) > 1 else ''} {listed(run.vehicles)}"
-    output.line(f"realm {run.realm}, {vehicles}, supervised by process {run.pid}")
+    clock = "in lock-step, " if run.lockstep else ""
+    output.line(f"realm {run.realm}, {vehicles}, {clock}supervised by process {run.pid}")
     rows = ((listed(run.vehicles), *_row(node)) for node in run.nodes)
     title = ("VEHICLES", "NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY")
     output.listing(run.vehicles, [title, *rows])

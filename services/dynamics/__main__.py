@@ -14,7 +14,7 @@ _compiler = BackgroundCompiler()
 
 
 def run(node: Node, params: Params) -> None:
-    """Publish the pose at its rate; in missions and at speeds other than 1, in lock-step."""
+    """Publish the pose at its rate, in real time or in lock-step."""
     for line in launch_lines(
         params.dynamics, node.reference_params and node.reference_params.dynamics
     ):

@@ -189,7 +189,7 @@ class Simulation:
 
     @property
     def _in_lockstep(self) -> bool:
-        return self._params.speed != 1 or self._node.in_mission
+        return self._params.in_lockstep
 
     def _advance(self) -> None:
         """Fly one pose's time, and publish the pose."""

@@ -56,8 +56,11 @@ def main() -> None:
 
 def run(process: "AutopilotProcess", node: Node, params: Params) -> None:
     """Stand for one vehicle until stopped."""
-    if params.dynamics.speed != 1:
-        raise Invalid("dynamics.speed: an autopilot flies in real time", "set it to 1")
+    if params.dynamics.in_lockstep:
+        raise Invalid(
+            "an autopilot flies in real time, not in lock-step",
+            "set dynamics.speed to 1 and dynamics.lockstep to false",
+        )
     if params.safety.takeoff > 0:
         raise Invalid("safety.takeoff: the pilot takes off, not safety", "set it to 0")
     if node.is_first:

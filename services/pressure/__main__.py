@@ -117,11 +117,10 @@ class Rhythm:
 
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params
-        self._by_poses = False
+        self._lockstep = params.dynamics.in_lockstep
         self._output = Output(node, params, self._now)
         self._boot, self._last = "", -1
         self._pose: Pose | None = None
-        self._read_in_lockstep: Pose | None = None
         self._has_slow = True
         self._topic = self._needed()
         self._poses = self._listen()
@@ -135,25 +134,17 @@ class Rhythm:
             self._has_slow = False
         for now in self._node.ticks(lambda: self._params.pressure.rate):
             self._change_topic()
-            # A mission may have ended at this pose: a second reading would replace its last one.
-            if self._in_real_time and (
-                self._pose is None or self._pose is not self._read_in_lockstep
-            ):
-                self._by_poses = False
+            if not self._lockstep:
                 self._output.read(now, self._pose)
-
-    @property
-    def _in_real_time(self) -> bool:
-        return self._params.dynamics.speed == 1 and not self._node.in_mission
 
     def _on_params(self) -> None:
         self._output.log_fault()
         self._change_topic()
 
     def _needed(self) -> Topic[Pose]:
-        """Return the slowest poses that have one for each reading, of now or later in a mission."""
+        """Return the slowest poses that have one for each reading."""
         suffices = self._has_slow and not POSE_SLOW.hz % self._params.pressure.rate
-        return POSE_SLOW if suffices and self._in_real_time else POSE
+        return POSE_SLOW if suffices and not self._lockstep else POSE
 
     def _change_topic(self) -> None:
         if (needed := self._needed()) is not self._topic:
@@ -163,25 +154,23 @@ class Rhythm:
 
     def _listen(self) -> Subscription[Pose]:
         # In real time, poses between two readings need wake no process.
-        wakes = self._params.dynamics.speed != 1
-        return self._node.listen(self._topic, self._on_pose, _DEPTH, wakes=wakes)
+        return self._node.listen(self._topic, self._on_pose, _DEPTH, wakes=self._lockstep)
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""
-        return self._pose.stamp if self._by_poses and self._pose else time.monotonic()
+        return self._pose.stamp if self._lockstep and self._pose else time.monotonic()
 
     def _on_pose(self, pose: Pose) -> None:
         self._pose = pose
         if pose.boot != self._boot:
             self._boot, self._last = pose.boot, -1
             self._node.advance_sim_time(pose.boot, 0.0)
-            self._change_topic()
-            if not self._in_real_time:
+            if self._lockstep:
                 # Equal flights give equal readings.
                 self._output.begin()
         now = period(pose.stamp, self._params.pressure.rate)
-        if now != self._last and not self._in_real_time:
-            self._last, self._by_poses, self._read_in_lockstep = now, True, pose
+        if now != self._last and self._lockstep:
+            self._last = now
             self._output.read(pose.stamp, pose)
         self._node.advance_sim_time(pose.boot, pose.stamp)
 

@@ -97,7 +97,7 @@ def main() -> None:
 
 def run(link: "RouterLink", domain: int, node: Node, params: Params) -> None:
     """Bridge one vehicle until stopped."""
-    bridge = Bridge(node, domain, real_time=params.dynamics.speed == 1)
+    bridge = Bridge(node, domain, real_time=not params.dynamics.in_lockstep)
     node.listen(POSE, bridge.on_pose, inline=True)
     node.listen(PRESSURE, bridge.on_pressure)
     node.listen(STATE, bridge.on_state)

@@ -146,7 +146,8 @@ def _executor_of(
         own = executor.new_executor()
         node = Node(
             name, vehicle, opened, own, present=present, restarted=restarted,
-            reference_params=like, single=single, waits=params.dynamics.speed != 1, connect=connect,
+            reference_params=like, single=single, connect=connect,
+            lockstep=params.dynamics.in_lockstep,
         )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))
@@ -185,7 +186,8 @@ def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
 
 def _open_client(address: session.Address, _params: Params, _realm: Realm) -> zenoh.Session:
     supervised = os.environ.get("QUADCTL_SUPERVISED")
-    return session.open_client(address, wait=_SUPERVISED_WAIT if supervised else _HUB_WAIT)
+    wait = _SUPERVISED_WAIT if supervised else _HUB_WAIT
+    return session.open_client(address, wait=wait, threads=session.TWO_THREADS)
 
 
 def _serve_params(node: Node, params: Params, realm: Realm) -> None:

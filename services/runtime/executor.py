@@ -71,6 +71,8 @@ class Outbox:
                     self._items.popleft()()
 
 
+_BURST = 50
+"""Most items that a loop serves before a tick that is due, some 5 ms: a flood must not delay it."""
 _LATE = 0.1
 """Lateness (s) beyond which a loop drops the ticks that it missed and does not catch up."""
 
@@ -207,10 +209,10 @@ class Executor:
     def _serve_until(self, deadline: float) -> bool:
         """Serve the queue until a time on the monotonic clock; False when stopped.
 
-        Returns early when the rate may have changed. Items queued before the call are served even
-        after that time, later ones not: a late loop still answers, and a flood delays no tick.
+        Returns early when the rate may have changed. Of the items queued before the call, some are
+        served even after that time: a late loop still answers, and a flood delays no tick.
         """
-        for _ in range(len(self._inbox)):
+        for _ in range(min(len(self._inbox), _BURST)):
             if item := self._inbox.next():
                 item()
         while not self.stopping and not self._retimed and self._serve_one(deadline):

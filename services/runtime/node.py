@@ -18,7 +18,7 @@ from quadctl.services.runtime.bus.calls import ServiceClient
 from quadctl.services.runtime.bus.client import latest
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
 from quadctl.services.runtime.bus.raw import RawListener, RawMessage, RecorderSubscriber
-from quadctl.services.runtime.errors import AlreadyServed
+from quadctl.services.runtime.errors import AlreadyServed, Refused
 from quadctl.services.runtime.executor import Executor
 from quadctl.services.runtime.server import CallLog, Schedule, Server
 
@@ -42,7 +42,7 @@ class Node:
 
     `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
     process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
-    `waits`: a publisher waits for a slow subscriber and drops no message; not in real time.
+    `lockstep`: calls may be scheduled, and a publisher waits for a slow subscriber and drops no message.
     `present`: what else is there, if it has been asked for the process's vehicles together.
     `connect`: the hub's endpoint if it is not the realm's own.
     Raises AlreadyServed when another process is this node.
@@ -59,13 +59,13 @@ class Node:
         restarted: bool = False,
         reference_params: Params | None = None,
         single: bool = True,
-        waits: bool = False,
+        lockstep: bool = False,
         connect: str = "",
     ) -> None:
         self._connect = connect
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
-        self._waits = waits
+        self._lockstep = lockstep
         present = present or liveliness.present(session, [vehicle])
         self._servers = present.servers
         if (vehicle, name) in present.nodes:
@@ -79,7 +79,7 @@ class Node:
         self._offers: list[Callable[[], keyexpr.EndpointInfo]] = []
         self._subscribed: dict[Subscription[Any], keyexpr.EndpointInfo] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
-        self._schedule = Schedule()
+        self._schedule = Schedule(lockstep=lockstep)
         self._ready = False
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
@@ -99,7 +99,7 @@ class Node:
         key = topic.key(self.vehicle)
         self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
         defer = self.executor.defer if together and not self.single else None
-        publisher = Publisher(self._session, key, topic, waits=self._waits, defer=defer)
+        publisher = Publisher(self._session, key, topic, waits=self._lockstep, defer=defer)
         if topic.latched:
             self._answer_queries(key, publisher.answer)
         return publisher
@@ -209,14 +209,6 @@ class Node:
         """Return whether this is the node of its process's first vehicle."""
         return self.reference_params is None
 
-    @property
-    def in_mission(self) -> bool:
-        """Return whether calls are scheduled for times of the current boot.
-
-        The flight must then be the same under any load of the machine: in lock-step at any speed.
-        """
-        return self._schedule.under_way
-
     def params_changed(self) -> None:
         """Notify the service of new parameter values and update the rates that depend on them."""
         if self.on_params is not None:
@@ -247,7 +239,7 @@ class Node:
         """Yield the first pose of each period of 50 ms until stopped; ready with the first of all.
 
         The time is that of the simulation: a node that loops over its poses keeps step at any
-        speed. Services run in between, and those of a mission at their times. A pose that comes
+        speed. Services run in between, and scheduled calls at their times. A pose that comes
         again later, as its setpoint was lost, is yielded again.
         """
         waiting: deque[Pose] = deque()
@@ -289,18 +281,8 @@ class Node:
     def _answer_queries(
         self, key: str, answer: Callable[[zenoh.Query], None], *, inline: bool = False
     ) -> None:
-        take = self.executor.run_inline if inline else self.executor.post
-
-        def on_query(query: zenoh.Query) -> None:
-            zenoh_events.pin_thread_state()
-            take(lambda: on_turn(query))
-
-        def on_turn(query: zenoh.Query) -> None:
-            # Messages that came before the query count in its answer.
-            self.executor.poll()
-            answer(query)
-
-        callback = zenoh.handlers.Callback(on_query, indirect=False)
+        queue = _QueryQueue(self.executor, answer, inline=inline)
+        callback = zenoh.handlers.Callback(queue.on_query, indirect=False)
         self._declared.append(self._session.declare_queryable(key, callback, complete=True))
 
     def _endpoint(self, kind: keyexpr.Kind, topic: Topic[M], hz: float) -> keyexpr.EndpointInfo:
@@ -316,6 +298,50 @@ class Node:
             self._tokens.pop(key).undeclare()
         for key in keys - self._tokens.keys():
             self._tokens[key] = self._session.liveliness().declare_token(key)
+
+
+_MOST_WAITING = 100
+"""Most queries of a key that wait for the loop, which answers them in some 10 ms."""
+_STUCK = 1.0
+"""Seconds without an answer after which a loop counts as stuck."""
+_BUSY = codec.encode_error(
+    Refused(
+        f"{_MOST_WAITING} calls of this service already wait", "call again when they are answered"
+    )
+)
+
+
+class _QueryQueue:
+    """Queries of one key on their way to the loop; beyond a limit they are refused at once.
+
+    So a flood costs its own callers their answers, and the other vehicles of the process nothing.
+    """
+
+    def __init__(
+        self, executor: Executor, answer: Callable[[zenoh.Query], None], *, inline: bool
+    ) -> None:
+        self._executor, self._answer = executor, answer
+        self._take = executor.run_inline if inline else executor.post
+        # Each is counted by one thread at a time.
+        self._came, self._answered, self._answered_at = 0, 0, 0.0
+
+    def on_query(self, query: zenoh.Query) -> None:
+        """Enqueue a query, on a Zenoh thread."""
+        zenoh_events.pin_thread_state()
+        if self._came - self._answered < _MOST_WAITING:
+            self._came += 1
+            self._take(lambda: self._on_turn(query))
+            return
+        with query:
+            # To a supervisor any answer shows that the loop runs.
+            if time.monotonic() - self._answered_at < _STUCK:
+                query.reply_err(_BUSY, encoding=codec.ERROR_ENCODING)
+
+    def _on_turn(self, query: zenoh.Query) -> None:
+        self._answered, self._answered_at = self._answered + 1, time.monotonic()
+        # Messages that came before the query count in its answer.
+        self._executor.poll()
+        self._answer(query)
 
 
 class _VehicleLog(logging.LoggerAdapter[logging.Logger]):

@@ -54,12 +54,17 @@ class ProcessRecord(Struct, frozen=True):
 
 
 class RunState(Struct, frozen=True):
-    """State of a live run: the supervisor's pid, its vehicles and its processes, with the hub."""
+    """State of a live run: the supervisor's pid, its vehicles and its processes, with the hub.
+
+    Commands of the parameter file run in `folder`.
+    """
 
     realm: str
     pid: int
     vehicles: list[str]
     nodes: list[ProcessRecord]
+    lockstep: bool = False
+    folder: str = ""
 
 
 def write(realm: Realm, record: RunState) -> None:

@@ -4,11 +4,12 @@ Time is a boot of the simulation and the simulated time in it. A call is for the
 later one; it is never executed after its boot has ended.
 """
 
+import itertools
 import logging
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable
-from math import inf
+from heapq import heapify, heappop, heappush
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import msgspec
@@ -17,13 +18,19 @@ from msgspec import Struct
 
 from quadctl.schemas.messages import Called
 from quadctl.schemas.services import Call
-from quadctl.schemas.topics import Service, called
+from quadctl.schemas.topics import SETPOINT, Service, called
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.pubsub import Publisher
 from quadctl.services.runtime.errors import Expired, Invalid, NotReady, QuadctlError, Refused
 
-MOST = 10_000
-"""Most scheduled calls of a node at a time."""
+MOST = 5_000
+"""Most scheduled calls of a service at a time: those of the longest mission."""
+_AT_ONCE = 100
+"""Most scheduled calls of a service for one period of the setpoint: they are executed at one pose,
+and the other vehicles of a process wait for them, some 20 ms."""
+_SPARE = 64
+_REPEATS = 8
+"""Most queries of one call that wait."""
 
 
 class ScheduledCall(NamedTuple):
@@ -40,16 +47,24 @@ class ScheduledCall(NamedTuple):
 
 
 class Schedule:
-    """Scheduled calls of one node, and the simulated time that it last received."""
+    """Scheduled calls of one node, and the simulated time that it last received.
 
-    def __init__(self) -> None:
+    Only a run in lock-step takes any: in real time, the order of a call and a pose is chance.
+    """
+
+    def __init__(self, *, lockstep: bool) -> None:
+        self._lockstep = lockstep
         self._boot, self._stamp = "", 0.0
-        self._held: list[ScheduledCall] = []
-        self._soonest = self._first_deadline = inf
-        self.under_way = False
-        """True if a call waits for a time of the current boot."""
-        self.holding = False
-        """True if any call waits."""
+        self._numbers = itertools.count()
+        self._waiting: dict[int, ScheduledCall] = {}
+        # Heaps with the numbers of calls; that of a settled one stays until it comes up.
+        self._times: list[tuple[float, int]] = []  # of the current boot
+        self._deadlines: list[tuple[float, int]] = []
+
+    @property
+    def holding(self) -> bool:
+        """Return whether any call waits."""
+        return bool(self._waiting)
 
     @property
     def now(self) -> tuple[str, float]:
@@ -57,7 +72,13 @@ class Schedule:
         return self._boot, self._stamp
 
     def schedule(self, call: ScheduledCall) -> None:
-        """Add a call; boot "" is the current one. Raises NotReady, Expired or Refused."""
+        """Add a call; boot "" is the current one. Raises Refused, NotReady or Expired."""
+        if not self._lockstep:
+            raise Refused(
+                "this run is in real time, and executes no call at a simulated time",
+                "`quadctl up --set dynamics.lockstep=true` does; `quadctl fly FILE` flies a mission"
+                " in a run of its own",
+            )
         if not self._boot:
             raise NotReady(
                 "this node has received no simulated time yet",
@@ -66,9 +87,13 @@ class Schedule:
         call = call._replace(boot=call.boot or self._boot)
         if call.boot == self._boot and call.at <= self._stamp:
             raise Expired(f"the call was for {call.at:g} s, and it is {self._stamp:g} s now")
-        if len(self._held) >= MOST:
-            raise Refused(f"{MOST} calls are already waiting", "wait until some are executed")
-        self._keep([*self._held, call])
+        number = next(self._numbers)
+        self._waiting[number] = call
+        if call.boot == self._boot:
+            heappush(self._times, (call.at, number))
+        heappush(self._deadlines, (call.deadline, number))
+        if len(self._times) + len(self._deadlines) > 4 * len(self._waiting) + _SPARE:
+            self._forget_settled()
 
     def advance(self, boot: str, stamp: float, now: float) -> None:
         """Set the time to `stamp` of `boot`, `now` in Unix s, and settle the calls that are due.
@@ -76,33 +101,44 @@ class Schedule:
         They are settled in the order of their times, equal ones in the order of their arrival.
         """
         before, self._boot, self._stamp = self._boot, boot, stamp
-        # This runs at every pose, and nearly always no call is due.
-        if boot == before and stamp < self._soonest and now <= self._first_deadline:
+        if not self._waiting:
             return
-        due: list[ScheduledCall] = []
         late: list[tuple[ScheduledCall, str]] = []
-        rest: list[ScheduledCall] = []
-        for call in self._held:
-            if call.boot == before != boot:
-                late.append((call, f"the call was for {call.at:g} s of a boot that has ended"))
-            elif call.deadline < now:
-                late.append((call, "the deadline passed before the call's simulated time came"))
-            elif call.boot == boot and call.at <= stamp:
-                due.append(call)
-            else:
-                rest.append(call)
-        self._keep(rest)
+        if boot != before:
+            ended = [number for number, call in self._waiting.items() if call.boot == before]
+            late = [
+                (call, f"the call was for {call.at:g} s of a boot that has ended")
+                for call in map(self._waiting.pop, ended)
+            ]
+            self._forget_settled()
+        late += [
+            (call, "the deadline passed before the call's simulated time came")
+            for call in self._taken(self._deadlines, lambda deadline: deadline < now)
+        ]
+        due = self._taken(self._times, lambda at: at <= stamp)
         for call, why in late:
             call.settle(Expired(why))
-        for call in sorted(due, key=lambda call: call.at):
+        for call in due:
             call.settle(None)
 
-    def _keep(self, calls: list[ScheduledCall]) -> None:
-        self._held, self.holding = calls, bool(calls)
-        ours = [call.at for call in calls if call.boot == self._boot]
-        self.under_way = bool(ours)
-        self._soonest = min(ours, default=inf)
-        self._first_deadline = min((call.deadline for call in calls), default=inf)
+    def _taken(
+        self, heap: list[tuple[float, int]], ready: Callable[[float], bool]
+    ) -> list[ScheduledCall]:
+        """Take the calls at the top of a heap out, as long as they are ready."""
+        taken = []
+        while heap and ready(heap[0][0]):
+            call = self._waiting.pop(heappop(heap)[1], None)
+            if call is not None:
+                taken.append(call)
+        return taken
+
+    def _forget_settled(self) -> None:
+        """Make both heaps anew, for the current boot."""
+        calls = self._waiting.items()
+        self._times = [(call.at, number) for number, call in calls if call.boot == self._boot]
+        self._deadlines = [(call.deadline, number) for number, call in calls]
+        heapify(self._times)
+        heapify(self._deadlines)
 
 
 _LONGEST = 1_000
@@ -160,17 +196,19 @@ class Server(Generic[Q, R]):
         vehicle: str,
         service: Service[Q, R],
         handler: Callable[[Q], R],
-        schedule: Schedule | None = None,
+        schedule: Schedule,
         journal: CallLog | None = None,
     ) -> None:
         self.key = service.key(vehicle)
         self.call: Call | None = None
         """Id, deadline and time of the request in execution; None if it has none."""
         self._service, self._handler = service, handler
-        self._schedule, self._journal = schedule or Schedule(), journal
+        self._schedule, self._journal = schedule, journal
         self._encoding = codec.encoding(service.response)
         self._answers: OrderedDict[str, Answer] = OrderedDict()
         self._held: dict[str, list[zenoh.Query]] = {}
+        self._together: Counter[tuple[str, int]] = Counter()
+        """Held calls by the boot and the period of the setpoint that they are for."""
 
     def answer(self, query: zenoh.Query) -> None:
         """Reply to one query in every case: now, or at its simulated time."""
@@ -194,8 +232,10 @@ class Server(Generic[Q, R]):
 
     def _once(self, call: Call, query: zenoh.Query) -> Answer | None:
         """Return the first answer to this call; None if it still waits."""
-        if call.id in self._held:
-            self._held[call.id].append(query)
+        if waiting := self._held.get(call.id):
+            # A client asks again when its link was lost, so the older ones wait for nothing.
+            del waiting[: 1 - _REPEATS]
+            waiting.append(query)
             return None
         if call.id not in self._answers:
             if call.deadline < time.time():
@@ -207,13 +247,26 @@ class Server(Generic[Q, R]):
         return self._answers[call.id]
 
     def _hold(self, call: Call, at: float, query: zenoh.Query) -> None:
+        period = call.boot, SETPOINT.period(at)
+
         def settle(problem: QuadctlError | None) -> None:
+            self._together[period] -= 1
+            if not self._together[period]:
+                del self._together[period]
             answer = (False, codec.encode_error(problem)) if problem else self._execute(query, call)
             self._remember(call.id, answer)
             for waiting in self._held.pop(call.id):
                 self._reply(waiting, answer)
 
+        if len(self._held) >= MOST:
+            raise Refused(f"{MOST} calls are already waiting", "wait until some are executed")
+        if self._together[period] >= _AT_ONCE:
+            raise Refused(
+                f"{_AT_ONCE} calls are already waiting for this time, {at:g} s",
+                "schedule the next ones for later",
+            )
         self._schedule.schedule(ScheduledCall(call.boot, at, call.deadline, settle))
+        self._together[period] += 1
         self._held[call.id] = [query]
 
     def _reply(self, query: zenoh.Query, answer: Answer) -> None:

@@ -60,7 +60,7 @@ class FakeNode:
     ) -> None:
         self.name, self.vehicle, self.restarted = name, vehicle, False
         self.log = logging.getLogger(f"script.{name}")
-        self.stopping, self.in_mission, self.reference_params = False, False, None
+        self.stopping, self.reference_params = False, None
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
         self.published: list[Published] = []

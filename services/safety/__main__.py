@@ -56,6 +56,8 @@ from quadctl.services.safety.traffic import Traffic
 
 _UNSEEN = 1 / POSE_SLOW.hz - 1 / POSE.hz
 """Time (s) by which a slow pose may be older than the vehicle's newest one: no part of a silence."""
+_REQUESTS = 10
+"""Requested positions that may wait: each costs a verdict, and only the newest one counts."""
 _LEAST_GAP = 2.01 / SETPOINT.hz
 """Shortest gap (s) between the newest poses at two ticks that means a lack of setpoints: with poses
 and ticks at the same rate, jitter of a millisecond can make it two periods."""
@@ -78,7 +80,7 @@ class Safety:
         self._held = 0.0
         self._newest, self._deciding = self.monitor.pose, False
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
-        node.listen(REQUEST, self._on_waypoint, inline=True)
+        node.listen(REQUEST, self._on_waypoint, _REQUESTS, inline=True)
         node.on_params = self._on_params
         self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_vehicle)
         node.listen(called(set_params("dynamics")), self._on_vehicle_params, inline=True)
@@ -149,7 +151,7 @@ class Safety:
     @property
     def _is_stepped(self) -> bool:
         """Return whether the run is in lock-step: silence then stops the clock, not the flight."""
-        return self._params.dynamics.speed != 1 or self._node.in_mission
+        return self._params.dynamics.in_lockstep
 
     def _on_state(self, state: SafetyState, line: str) -> None:
         self._states.put(state)

@@ -40,29 +40,70 @@ def sim_time(bare: Bare) -> float:
     return stamp
 
 
-def test_a_scheduled_goto_is_decided_on_the_pose_at_its_time(hover: Bare):
-    states = hover.watch("uav/safety/state")
-    at = round(sim_time(hover) + 0.73, 2)
-    waiting = PendingCall(hover, GOTO, GOAL, ticket(30, at=at))
+@pytest.fixture(scope="module")
+def lockstep_lab() -> Iterator[Lab]:
+    """System in lock-step at the pace of the clock; the vehicle hovers at (0, 0, 1)."""
+    with private_lab() as made:
+        made.share("--set", "dynamics.start.z=1", "--set", "dynamics.lockstep=true")
+        yield made
+
+
+@pytest.fixture
+def stepped(lockstep_lab: Lab) -> Iterator[Bare]:
+    lockstep_lab.put_back()
+    with lockstep_lab.bare() as session:
+        yield session
+
+
+def test_a_scheduled_goto_is_decided_on_the_pose_at_its_time(stepped: Bare):
+    states = stepped.watch("uav/safety/state")
+    at = round(sim_time(stepped) + 0.73, 2)
+    waiting = PendingCall(stepped, GOTO, GOAL, ticket(30, at=at))
     taken = states.until(lambda s: s["goal"] == GOAL and s["state"] == "MOVING")
     # Safety steps on a pose every 50 ms.
     assert at <= taken["stamp"] < at + 0.0501
     assert waiting.answer().value == {"accepted": True, "reason": ""}
 
 
-def test_a_past_time_is_refused_and_a_reset_drops_scheduled_calls(hover: Bare):
-    before = hover.state()
-    past = hover.query(GOTO, pack(GOAL), attachment=ticket(30, at=0.0))
+def test_a_past_time_is_refused_and_a_reset_drops_scheduled_calls(stepped: Bare):
+    before = stepped.state()
+    past = stepped.query(GOTO, pack(GOAL), attachment=ticket(30, at=0.0))
     assert (past.ok, past.code) == (False, "expired")
-    held = ticket(30, "held", at=sim_time(hover) + 60.0)
-    waiting = PendingCall(hover, GOTO, GOAL, held)
+    held = ticket(30, "held", at=sim_time(stepped) + 60.0)
+    waiting = PendingCall(stepped, GOTO, GOAL, held)
     # A query with the same id is answered together with the first: both wait for one call.
-    states = hover.watch("uav/safety/state")
-    wait_for_earlier_calls(hover, "safety")
-    assert hover.call("reset").ok
+    states = stepped.watch("uav/safety/state")
+    wait_for_earlier_calls(stepped, "safety")
+    assert stepped.call("reset").ok
     anew = states.until(lambda s: s["boot"] != before["boot"])
     assert anew["goal"] != GOAL
     assert waiting.answer().code == "expired"
+
+
+SERVICES = {
+    "goto": GOAL,
+    "hold": {},
+    "toggle_cage": {"cage_on": False},
+    "calibrate_pressure": {"zero": True},
+    "reset": {},
+    **{f"{node}/get_params": {"names": []} for node in ("safety", "dynamics", "pressure", "hub")},
+    **{f"{node}/set_params": {"values": {}} for node in ("safety", "dynamics", "pressure", "hub")},
+}
+"""Request of each service."""
+
+
+def test_in_real_time_a_call_for_a_time_is_refused_and_the_flight_stays_guarded(
+    shared_lab: Lab, hover: Bare
+):
+    for name, fields in SERVICES.items():
+        far = ticket(30, at=86_400.0)
+        refused = hover.query(f"uav/@srv/{name}", pack(fields), attachment=far)
+        assert (name, refused.ok, refused.code) == (name, False, "refused")
+        assert "dynamics.lockstep=true" in refused.value["hint"]
+    assert hover.call("goto", x=4.0, y=0.0, z=1.0).value["accepted"]
+    states = hover.watch("uav/safety/state")
+    with shared_lab.frozen("dynamics"):
+        states.until(lambda s: s["state"] == "HOVERING" and "pose" in s["reason"])
 
 
 def test_a_reset_begins_the_boot_it_names_only_once(hover: Bare):
@@ -75,8 +116,8 @@ def test_a_reset_begins_the_boot_it_names_only_once(hover: Bare):
     assert (again.ok, again.code) == (False, "refused")
 
 
-def test_every_service_can_be_scheduled(hover: Bare):
-    at = sim_time(hover) + 0.4
+def test_every_service_can_be_scheduled(stepped: Bare):
+    at = sim_time(stepped) + 0.4
     asked: list[tuple[str, dict[str, Any]]] = [
         ("calibrate_pressure", {"zero": True}),
         ("toggle_cage", {"cage_on": True}),
@@ -84,11 +125,12 @@ def test_every_service_can_be_scheduled(hover: Bare):
         ("dynamics/get_params", {"names": []}),
     ]
     waiting = [
-        PendingCall(hover, f"uav/@srv/{name}", fields, ticket(30, at=at)) for name, fields in asked
+        PendingCall(stepped, f"uav/@srv/{name}", fields, ticket(30, at=at))
+        for name, fields in asked
     ]
     assert [one.answer().ok for one in waiting] == [True] * len(waiting)
-    later = ticket(30, at=sim_time(hover) + 0.2)
-    assert PendingCall(hover, "uav/@srv/reset", {}, later).answer().value == {"success": True}
+    later = ticket(30, at=sim_time(stepped) + 0.2)
+    assert PendingCall(stepped, "uav/@srv/reset", {}, later).answer().value == {"success": True}
 
 
 KEY = "red/@srv/hold"

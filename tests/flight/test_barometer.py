@@ -295,7 +295,10 @@ def test_a_calibration_while_climbing_has_a_larger_spread(
     ("settings", "said"),
     [
         (["pressure.profile=bmp280", "pressure.rate=27"], "a bmp280 gives at most 26.3 readings"),
-        (["pressure.source=iio", "dynamics.speed=0"], "needs dynamics.speed 1, not 0"),
+        (
+            ["pressure.source=iio", "dynamics.speed=0"],
+            "it needs dynamics.speed 1 and dynamics.lockstep false",
+        ),
     ],
 )
 def test_impossible_barometer_settings_stop_the_launch(lab: Lab, settings: list[str], said: str):

@@ -22,7 +22,7 @@ from tests.support.running import Foreground, eventually
 SETTINGS = {
     "fast": ("dynamics.speed=0",),
     "ten": ("dynamics.speed=10",),
-    "real": ("dynamics.speed=1",),
+    "real": ("dynamics.lockstep=true",),
     "seed": ("dynamics.speed=10", "dynamics.seed=7"),
 }
 
@@ -228,6 +228,40 @@ def test_settings_fly_in_a_run_of_their_own(lab: Lab, fast: Lab):
         text.write("dynamics.speed = 10\n")
     assert same(fly(lab)) == same(first.json)
     assert lab.is_gone()
+
+
+def test_beside_a_run_in_real_time_a_mission_flies_in_a_run_of_its_own(lab: Lab, fast: Lab):
+    start(lab, "safety.virtual_cage.x=1.2")
+    with lab.bare() as bare:
+        before = bare.state()
+        first = lab.quadctl("fly", "mission.toml", "--json")
+        assert (first.code, before["boot"]) == (0, bare.state()["boot"])
+    assert first.err == (
+        f"the realm {lab.realm} is in real time: the mission flies in a run of its own,"
+        " in lock-step, with the parameters of uav\n"
+    )
+    assert first.json["rows"][2]["reason"] == "outside the cage: x = 2 is beyond [-1.2, 1.2]"
+    assert lab.quadctl("param", "set", "safety.virtual_cage.x", 5).code == 0
+    assert same(fly(lab)) == same(fly(fast))
+    refused = lab.quadctl(
+        "fly", "mission.toml", "--connect", f"unixsock-stream/{lab.home}/hub.sock"
+    )
+    assert refused.code == 5
+    assert "in real time, and missions fly in lock-step" in refused.err
+    assert "dynamics.lockstep=true" in refused.err
+
+
+def test_a_run_in_lock_step_says_so(fast: Lab):
+    assert fast.status()["lockstep"]
+    assert (
+        fast.quadctl("status")
+        .out.splitlines()[0]
+        .startswith(f"realm {fast.realm}, vehicle uav, in lock-step, supervised by process ")
+    )
+    checks = {check["name"]: check for check in fast.quadctl("doctor", "--json").json["checks"]}
+    assert checks["time"]["evidence"] == "lock-step, at speed 0: the clock waits for safety"
+    wrong = fast.quadctl("param", "set", "dynamics.lockstep", "false")
+    assert "fixed at launch" in wrong.err
 
 
 def test_wrong_settings_start_no_run(lab: Lab):

@@ -61,7 +61,7 @@ class Bench:
     def __init__(self, fault: Exception | None = None) -> None:
         self.executed: list[GotoRequest] = []
         self.fault = fault
-        self.schedule = Schedule()
+        self.schedule = Schedule(lockstep=True)
         self.server = Server("uav", GOTO, self._goto, self.schedule)
 
     def _goto(self, request: GotoRequest) -> GotoResponse:

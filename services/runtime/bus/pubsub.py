@@ -80,7 +80,8 @@ class Subscription(Generic[M]):
     """Newest message of a topic and its arrival time.
 
     `value` is None until the first one; `received` is its arrival on the monotonic clock, s.
-    Up to `depth` messages wait for the handler; beyond, the oldest are dropped. Unless the topic
+    Up to `depth` messages wait for the handler; beyond, the oldest are dropped, which is logged once,
+    with their number, when there is room again. Unless the topic
     `wakes` the loop, or it has `awaited` a message, the handler runs at the next call or tick.
     Without a handler the newest message is decoded on access.
     """
@@ -107,6 +108,7 @@ class Subscription(Generic[M]):
         self._since, self._count, self._flood = 0.0, 0, False
         self._wakes = wakes and handler is not None
         self._complaint = ""
+        self._dropped, self._drops_logged = 0, False
         self._ours = codec.encoding(topic.type)
         # Not taken from a sample: it would be overwritten with the sample.
         self._expected = zenoh.Encoding(self._ours)
@@ -134,6 +136,7 @@ class Subscription(Generic[M]):
         now, encoding = time.monotonic(), sample.encoding
         # Usually it is ours, and this comparison takes half the time of str().
         name = self._ours if encoding == self._expected else str(encoding)
+        self._dropped += len(self._waiting) == self._waiting.maxlen
         # Copied at once: one in a million samples kept for later was overwritten by the next.
         self._waiting.append((now, sample.payload.to_bytes(), name))
         self._count += 1
@@ -150,8 +153,10 @@ class Subscription(Generic[M]):
         if self._handler is None:
             return
         count = len(self._waiting)
-        if not count:
-            return  # as at nearly every tick, when the processor's caches are cold
+        if not count:  # as at nearly every tick, when the processor's caches are cold
+            if self._dropped and not self._drops_logged:
+                self._log_drops()
+            return
         for _ in range(count):
             # A handler that itself serves the loop's queue has already taken them.
             if self._waiting and self._take(*self._waiting.popleft()) and self._value is not None:
@@ -159,6 +164,13 @@ class Subscription(Generic[M]):
         if self._flood:
             self._posted = True
             self._post(self._gather)
+
+    def _log_drops(self) -> None:
+        self._drops_logged = True
+        _log.warning(
+            "%s: %d messages came faster than they were handled and were dropped; the newest %d wait",
+            self._topic.name, self._dropped, self._waiting.maxlen,
+        )  # fmt: skip
 
     def _gather(self) -> None:
         time.sleep(_GATHER)

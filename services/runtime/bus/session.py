@@ -24,12 +24,13 @@ TWO_THREADS = (
 )
 """One reading thread and one writing thread: fewer wakes save processor time and call time. A
 single thread would stop the hub for good at a query of a megabyte, as reading waits for room to
-write. So the writing thread also watches all sockets (`acc`): it learns when there is room."""
+write, and a node at some 1000 queries at once, as it answers some on the thread that reads. So the
+writing thread also watches all sockets (`acc`): it learns when there is room."""
 CLIENT_THREADS = (
     "(rx: (handover: app), acc: (handover: app), tx: (handover: app), net: (handover: app),"
     " app: (worker_threads: 1))"
 )
-"""One thread for all: a client does not forward what it reads."""
+"""One thread for all: a client neither forwards nor answers what it reads."""
 _STACK = 16 * 2**20
 """Bytes for the stack of a thread of Zenoh; only the used ones take memory. A reader of nested data
 calls itself for each level, and Python 3.12 and 3.13 end that at 10 000 calls: more than fit in the

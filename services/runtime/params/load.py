@@ -164,7 +164,7 @@ MOST = 200
 """Vehicles in one run. With 300, a hub learns their endpoints too slowly for the start's time."""
 _GRID = 2.0
 """Metres between two vehicles at the start."""
-_SHARED = ("hub", "supervise", "processes", "dynamics.speed")
+_SHARED = ("hub", "supervise", "processes", "dynamics.speed", "dynamics.lockstep")
 """Parameters that all vehicles of a run share."""
 
 

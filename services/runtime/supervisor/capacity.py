@@ -31,10 +31,10 @@ def most(step: float, rates: Sequence[float]) -> int:
 def check(launch: Launch) -> None:
     """Raise UsageError for more vehicles than plain Python can fly, if numba is not installed.
 
-    At speeds other than 1 the simulated clock waits for any number of vehicles.
+    In lock-step the simulated clock waits for any number of vehicles.
     """
     rates = [params.dynamics.rate for params in launch.fleet.values()]
-    if len(rates) == 1 or "dynamics" in launch.without or launch.params.dynamics.speed != 1:
+    if len(rates) == 1 or "dynamics" in launch.without or launch.params.dynamics.in_lockstep:
         return
     if importlib.util.find_spec("numba") is not None:
         return

@@ -171,7 +171,9 @@ class RunDirectory:
 
     def write(self, rows: list[ProcessRecord]) -> None:
         """Write the record; raises OSError."""
-        run = RunState(self.realm.name, os.getpid(), self._launch.vehicles, rows)
+        launch = self._launch
+        lockstep = launch.params.dynamics.in_lockstep
+        run = RunState(self.realm.name, os.getpid(), launch.vehicles, rows, lockstep, launch.folder)
         run_files.write(self.realm, run)
 
     def repair(self, log: Callable[[str], None]) -> bool:

@@ -213,7 +213,7 @@ def test_poses_without_a_subscriber_are_published_in_lockstep_only():
         return sum(topic == POSE.name for topic, _ in blown.node.published)
 
     assert published() == 0
-    blown.node.in_mission = True
+    blown.params.dynamics.lockstep = True
     assert published() == 1
 
 
@@ -231,8 +231,8 @@ def test_a_tick_flies_several_poses_only_between_two_answers_and_in_real_time():
     for _ in range(4):
         simulation.tick(1.0)
     assert simulation.tick_rate() == 20
-    blown.node.in_mission = True
+    blown.params.dynamics.lockstep = True
     assert simulation.tick_rate() == 100
-    blown.node.in_mission = False
+    blown.params.dynamics.lockstep = False
     blown.params.dynamics.rate = 25.0
     assert simulation.tick_rate() == 25

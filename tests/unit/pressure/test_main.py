@@ -42,22 +42,6 @@ def test_without_a_device_the_error_names_the_searched_folder(tmp_path: Path):
     assert "pressure.iio" in caught.value.hint
 
 
-class MissionNode(FakeNode):
-    """Node that is in a mission until 0.5 s."""
-
-    def advance_sim_time(self, boot: str, stamp: float) -> None:
-        super().advance_sim_time(boot, stamp)
-        self.in_mission = stamp < 0.5
-
-
-def test_the_end_of_a_mission_brings_no_second_reading_at_its_last_pose():
-    poses = [(POSE, pose(seq)) for seq in range(0, 80, 10)]
-    node = MissionNode("pressure", params := Params(), poses, ())
-    run(cast("Node", node), params)
-    stamps = [published.message.stamp for published in node.published]
-    assert stamps == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7])
-
-
 @pytest.mark.parametrize(
     ("rate", "speed", "topic"),
     [(10.0, 1.0, POSE_SLOW), (4.0, 1.0, POSE_SLOW), (15.0, 1.0, POSE), (10.0, 0.0, POSE)],

@@ -140,4 +140,6 @@ def test_the_record_has_the_format_of_status(realm: Realm):
         "pid": PID,
         "vehicles": ["uav"],
         "nodes": [{"name": "hub", "pid": PID + 1, "state": "ready", "restarts": 0, "started": 1.5}],
+        "lockstep": False,
+        "folder": "",
     }

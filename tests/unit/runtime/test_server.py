@@ -29,8 +29,8 @@ class Outcome(NamedTuple):
 class Clock:
     """Schedule, its simulated clock, and the outcomes of its calls."""
 
-    def __init__(self) -> None:
-        self.schedule = Schedule()
+    def __init__(self, *, lockstep: bool = True) -> None:
+        self.schedule = Schedule(lockstep=lockstep)
         self.boot, self.stamp = "", 0.0
         self.outcomes: list[Outcome] = []
 
@@ -64,12 +64,10 @@ def test_a_call_waits_for_the_first_pose_at_its_time_or_later():
     clock.hold(1, "", 0.12)
     clock.hold(2, "a", 0.15)
     assert clock.schedule.holding
-    assert clock.schedule.under_way
     for stamp in (0.05, 0.1, 0.15, 0.2):
         clock.to("a", stamp)
     assert clock.executed == [(1, 0.15), (2, 0.15)]
     assert not clock.schedule.holding
-    assert not clock.schedule.under_way
 
 
 @pytest.mark.parametrize("at", [0.0, 0.5, 1.0])
@@ -92,12 +90,10 @@ def test_calls_for_a_later_boot_wait_for_it_and_expire_with_it():
     assert clock.outcomes == []
     clock.to("b", 0.0)
     assert (clock.executed, clock.expired) == ([(1, 0.0)], [3])
-    assert clock.schedule.under_way
     clock.to("d", 5.0)
     assert (clock.executed, clock.expired) == ([(1, 0.0)], [3, 2])
-    # The last call waits for a boot that may never come: it causes no lock-step.
+    # The last call waits for a boot that may never come.
     assert clock.schedule.holding
-    assert not clock.schedule.under_way
 
 
 def test_a_scheduled_call_expires_at_its_deadline():
@@ -120,14 +116,22 @@ def test_a_call_that_schedules_another_does_not_lose_it():
     assert clock.executed == [(2, 2.0)]
 
 
-def test_the_number_of_scheduled_calls_is_limited(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(server, "MOST", 3)
+def test_in_real_time_no_call_can_be_scheduled():
+    clock = Clock(lockstep=False)
+    clock.to("a", 0.0)
+    with pytest.raises(Refused, match="real time") as refused:
+        clock.hold(1, "a", 1.0)
+    assert "dynamics.lockstep=true" in refused.value.hint
+
+
+def test_settled_calls_with_far_deadlines_take_no_room():
     clock = Clock()
     clock.to("a", 0.0)
-    for name in range(3):
-        clock.hold(name, "b", 1.0)
-    with pytest.raises(Refused):
-        clock.hold(4, "a", 1.0)
+    for tick in range(1, 5000):
+        clock.hold(tick, "a", tick * 0.1)
+        clock.to("a", tick * 0.1)
+    assert len(clock.executed) == 4999
+    assert len(clock.schedule._deadlines) < 500
 
 
 BOOTS = st.sampled_from("abc")
@@ -158,7 +162,6 @@ def test_each_call_is_settled_once_in_its_boot_and_never_early(actions):
             assert due == sorted(due, key=lambda n: (calls[n][1], n))
         waiting = {n for n, (b, t) in calls.items() if n not in {o.name for o in clock.outcomes}}
         assert clock.schedule.holding == bool(waiting)
-        assert clock.schedule.under_way == any(calls[n][0] == clock.boot for n in waiting)
     names = [o.name for o in clock.outcomes]
     assert len(names) == len(set(names))
     for outcome in clock.outcomes:
@@ -290,7 +293,7 @@ def test_a_reply_of_the_wrong_type_is_an_internal_error(caplog: pytest.LogCaptur
         return object()
 
     query: Any = Query()
-    Server("uav", GOTO, wrong).answer(query)
+    Server("uav", GOTO, wrong, Schedule(lockstep=False)).answer(query)
     assert query.replies[0][1]["code"] == "internal"
 
 
@@ -325,6 +328,41 @@ def test_a_call_for_a_past_time_or_boot_is_not_executed():
     assert (kind, error["code"], held.open) == ("error", "expired", False)
     assert bench.fails("expired", call=Call("a", LATER)) == error
     assert bench.executed == []
+
+
+@pytest.mark.parametrize(
+    ("limit", "step", "reason"),
+    [("MOST", 1.0, "already waiting"), ("_AT_ONCE", 0.0, "for this time, 2 s")],
+)
+def test_the_number_of_scheduled_calls_is_limited(
+    monkeypatch: pytest.MonkeyPatch, limit: str, step: float, reason: str
+):
+    monkeypatch.setattr(server, limit, 3)
+    bench = Bench()
+    bench.schedule.advance("b", 1.0, 0.0)
+    for number in range(3):
+        held: Any = Query(call=Call(f"{number}", LATER, at=2.0 + number * step))
+        bench.server.answer(held)
+        assert held.replies == []
+    assert reason in bench.fails("refused", call=Call("more", LATER, at=2.0))["message"]
+    bench.schedule.advance("b", 5.0, 0.0)
+    bench.schedule.advance("b", 5.0, 0.0)
+    assert len(bench.executed) == 3
+    again: Any = Query(call=Call("again", LATER, at=6.0))
+    bench.server.answer(again)
+    assert again.replies == []
+
+
+def test_of_a_call_asked_again_and_again_the_newest_queries_are_answered():
+    bench = Bench()
+    bench.schedule.advance("b", 1.0, 0.0)
+    queries: list[Any] = [Query(call=Call("a", LATER, at=2.0)) for _ in range(20)]
+    for query in queries:
+        bench.server.answer(query)
+    bench.schedule.advance("b", 2.0, 0.0)
+    answered = [bool(query.replies) for query in queries]
+    assert answered == [False] * 12 + [True] * 8
+    assert len(bench.executed) == 1
 
 
 def test_the_request_of_a_scheduled_call_is_decoded_at_its_time():

@@ -71,7 +71,11 @@ FILES = [
         "pressure: iio: 'iio:device0' is not a full path",
         "",
     ),
-    ("[pressure]\nsource = 'iio'\n[dynamics]\nspeed = 0", "needs dynamics.speed 1, not 0", ""),
+    (
+        "[pressure]\nsource = 'iio'\n[dynamics]\nspeed = 0",
+        "it needs dynamics.speed 1 and dynamics.lockstep false",
+        "",
+    ),
     # Invalid TOML.
     ("[safety", "is not TOML", "line and column"),
     ("[safety]\ntakeoff = ", "is not TOML", "line and column"),

@@ -31,6 +31,7 @@ def run(node: Node, params: Params) -> None:
     server = node.serve(RESET, reset)
     node.on_params, node.in_force = simulation.configure, simulation.in_force
     simulation.publish()
+    simulation.advance_time()
     for now in node.ticks(simulation.tick_rate):
         simulation.tick(now)
 

@@ -61,13 +61,13 @@ def run(request: pytest.FixtureRequest) -> Iterator[tuple[Flooded, bool]]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("door", "kind"), [*product(("gate", "here"), KINDS)])
-def test_20_000_scheduled_calls_disturb_no_other_vehicle(
+@pytest.mark.parametrize(("door", "kind"), [("gate", "later"), *product(["here"], KINDS)])
+def test_3000_scheduled_calls_disturb_no_other_vehicle(
     run: tuple[Flooded, bool], door: str, kind: str
 ):
     flooded, stepped = run
     ended = flooded.flood(door, kind)
-    assert sum(ended.values()) == 20_000
+    assert sum(ended.values()) == 3_000
     assert ended.keys() <= {"ok", "refused", "unanswered"}
     assert stepped or "ok" not in ended
 

@@ -14,7 +14,7 @@ import zenoh
 from tests.support.intruder import session
 from tests.support.running import DEADLINE
 
-CALLS, RATE, SECONDS = 20_000, 40_000, 5.0
+CALLS, RATE, SECONDS = 3_000, 40_000, 5.0
 GOAL = {"x": 1.0, "y": 0.0, "z": 1.0}
 
 
@@ -69,7 +69,7 @@ def publish(opened: zenoh.Session, vehicle: str) -> Counter[str]:
 def main(endpoint: str, kind: str, vehicle: str, identity: str = "") -> None:
     """Flood a vehicle, and print as JSON how the calls ended, or how many positions were sent.
 
-    `kind` is `later`, `at once` or `again` for 20 000 calls for simulated times: each for another one, all for the
+    `kind` is `later`, `at once` or `again` for 3000 calls for simulated times: each for another one, all for the
     same, or all the same call; or `positions` for 40 000 requested positions a second, for 5 s.
     """
     with session(endpoint, Path(identity)) as opened:

@@ -66,6 +66,8 @@ def unkilled() -> Iterator[Lab]:
 @pytest.fixture
 def patient(unkilled: Lab) -> Lab:
     """That lab as launched, without a parameter file."""
+    # A test before may have frozen the hub: each node then has to connect anew.
+    eventually(lambda: unkilled.quadctl("node", "ping", "--all", "-n", 1).code == 0)
     unkilled.put_back()
     (unkilled.folder / "quad.toml").unlink(missing_ok=True)
     return unkilled

@@ -60,7 +60,8 @@ def run(request: pytest.FixtureRequest) -> Iterator[tuple[Flooded, bool]]:
         yield Flooded(lab, "--set", f"dynamics.lockstep={request.param}"), stepped
 
 
-@pytest.mark.thorough
+@pytest.mark.prove
+@pytest.mark.alone  # real-time flights of other tests would pay for it
 @pytest.mark.parametrize(("door", "kind"), [("gate", "later"), *product(["here"], KINDS)])
 def test_3000_scheduled_calls_disturb_no_other_vehicle(
     run: tuple[Flooded, bool], door: str, kind: str
@@ -72,7 +73,8 @@ def test_3000_scheduled_calls_disturb_no_other_vehicle(
     assert stepped or "ok" not in ended
 
 
-@pytest.mark.thorough
+@pytest.mark.prove
+@pytest.mark.alone  # real-time flights of other tests would pay for it
 @pytest.mark.parametrize("door", ["gate", "here"])
 def test_40_000_positions_a_second_disturb_no_other_vehicle(run: tuple[Flooded, bool], door: str):
     flooded, _ = run

@@ -35,7 +35,7 @@ NODES = ("dynamics", "pressure", "safety")
 
 AFTER = 5.0
 """Simulated s from the last row to the end of a mission without an `end`."""
-_MOST = 5_000  # rows of a mission: fewer than the calls that a node holds
+_MOST = 5_000  # rows of a mission: no more than the calls of a service that may wait
 
 Time = Annotated[float, Meta(ge=0, le=86_400)]
 """Simulated s since the start of the boot."""

@@ -20,7 +20,7 @@ from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
 from quadctl.services.runtime.bus.raw import RawListener, RawMessage, RecorderSubscriber
 from quadctl.services.runtime.errors import AlreadyServed, Refused
 from quadctl.services.runtime.executor import Executor
-from quadctl.services.runtime.server import CallLog, Schedule, Server
+from quadctl.services.runtime.server import MOST, CallLog, Schedule, Server
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -300,21 +300,17 @@ class Node:
             self._tokens[key] = self._session.liveliness().declare_token(key)
 
 
-_MOST_WAITING = 100
-"""Most queries of a key that wait for the loop, which answers them in some 10 ms."""
 _STUCK = 1.0
 """Seconds without an answer after which a loop counts as stuck."""
 _BUSY = codec.encode_error(
-    Refused(
-        f"{_MOST_WAITING} calls of this service already wait", "call again when they are answered"
-    )
+    Refused(f"{MOST} calls of this service already wait", "call again when they are answered")
 )
 
 
 class _QueryQueue:
-    """Queries of one key on their way to the loop; beyond a limit they are refused at once.
+    """Queries of one key on their way to the loop; more than a mission sends are refused at once.
 
-    So a flood costs its own callers their answers, and the other vehicles of the process nothing.
+    So a flood costs its own callers their answers.
     """
 
     def __init__(
@@ -328,7 +324,7 @@ class _QueryQueue:
     def on_query(self, query: zenoh.Query) -> None:
         """Enqueue a query, on a Zenoh thread."""
         zenoh_events.pin_thread_state()
-        if self._came - self._answered < _MOST_WAITING:
+        if self._came - self._answered < MOST:
             self._came += 1
             self._take(lambda: self._on_turn(query))
             return

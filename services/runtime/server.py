@@ -24,7 +24,7 @@ from quadctl.services.runtime.bus.pubsub import Publisher
 from quadctl.services.runtime.errors import Expired, Invalid, NotReady, QuadctlError, Refused
 
 MOST = 5_000
-"""Most scheduled calls of a service at a time: those of the longest mission."""
+"""Most calls of a service that wait: those of the longest mission, which are sent all at once."""
 _AT_ONCE = 100
 """Most scheduled calls of a service for one period of the setpoint: they are executed at one pose,
 and the other vehicles of a process wait for them, some 20 ms."""

@@ -119,6 +119,15 @@ def test_goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside(fast
             if not low - margin <= p[axis] <= high + margin] == []  # fmt: skip
 
 
+def test_a_mission_of_thousands_of_rows_flies_whole(fast: Lab):
+    row = "{{ at = {}, do = 'goto', replace = true, x = {}, y = 0, z = 1 }}"
+    rows = ",".join(row.format(2 + n / 20, n % 5 / 2) for n in range(3000))
+    fast.file(f"rows = [{rows}]\nend = 153.0", "many.toml")
+    flown = fast.quadctl("fly", "many.toml", "--json")
+    assert flown.code == 0, flown.err
+    assert [each for each in flown.json["rows"] if not each["accepted"]] == []
+
+
 def test_fly_prints_rows_and_digests_as_text(fast: Lab):
     told = fast.quadctl("fly", "mission.toml")
     assert (told.code, told.err) == (0, "")

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
-from msgspec.structs import replace
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
@@ -294,8 +293,8 @@ def _connection(
                 "leave out --realm and --connect; or fly a mission without [set]",
             )
         output.note(f"{file} has [set]: it flies in a run of its own")
-        vehicle = options.named or DEFAULT
-        launch = Launch("", {vehicle: params}, [], str(Path.cwd()))
+        vehicle, folder = options.named or DEFAULT, str(Path.cwd())
+        without: list[str] = []
     else:
         with context.connect(options) as client:
             flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics"])).values
@@ -303,18 +302,18 @@ def _connection(
                 yield client, False
                 return
             vehicle = client.vehicle
-        launch = _like(options, vehicle)
+        params, without, folder = _settings_of(options, vehicle)
         output.note(
             f"the realm {options.realm} is in real time: the mission flies in a run of its own, in"
             f" lock-step, with the parameters of {vehicle}"
         )
-    launch = replace(launch, realm=f"fly-{os.getpid()}", patient=True)
+    launch = Launch(f"fly-{os.getpid()}", {vehicle: params}, without, folder, patient=True)
     with temporary_run(launch), Client(launch.realm, vehicle, timeout=options.timeout) as client:
         yield client, True
 
 
-def _like(options: Options, vehicle: str) -> Launch:
-    """Return a launch of one vehicle of the realm's run, in lock-step, as fast as it goes."""
+def _settings_of(options: Options, vehicle: str) -> tuple[Params, list[str], str]:
+    """Return a vehicle's parameters in the realm's run, but as fast as it goes, its missing nodes and its folder."""
     realm = Realm(options.realm)
     if options.connect or not run_files.is_live(realm):
         raise Refused(
@@ -325,9 +324,9 @@ def _like(options: Options, vehicle: str) -> Launch:
     run, tables = run_files.read(realm), run_files.tables(realm, vehicle)
     del tables["hub"]  # the addresses are taken
     tables["dynamics"]["speed"] = 0.0
-    missing = {*process_table.NODES} - {node.name for node in run.nodes}
     params = check(tables, f"the realm {realm.name}, as fast as it goes")
-    return Launch("", {vehicle: params}, sorted(missing), run.folder)
+    missing = {*process_table.NODES} - {node.name for node in run.nodes}
+    return params, sorted(missing), run.folder
 
 
 def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ Each vehicle reserves the space of its way, first come, first served. A vehicle 
 apart from all others, so only one that has left it is compared with them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from math import sqrt
@@ -148,6 +148,17 @@ class Traffic:
 
     def _waits_for(self, waiter: str, name: str) -> bool:
         """Return whether a vehicle waits for another one, which may wait itself."""
+        return name in self._chain(
+            waiter, lambda held: [mark[0] for mark in held.behind if self._stands(mark)]
+        )
+
+    def leads(self, name: str) -> bool:
+        """Return whether a vehicle that this one waits for, by itself or through others, is on its way."""
+        ahead = self._chain(name, lambda held: [held.first, *(mark[0] for mark in held.behind)])
+        return any(self._members[each][0].situation.state is State.MOVING for each in ahead)
+
+    def _chain(self, waiter: str, ahead_of: Callable[[Held], Iterable[str]]) -> Iterator[str]:
+        """Yield the vehicles ahead of the goal of one that waits, and those that they wait for in turn."""
         seen, left = set[str](), [waiter]
         while left:
             one = left.pop()
@@ -155,23 +166,9 @@ class Traffic:
             if one in seen or held is None:
                 continue
             seen.add(one)
-            before = [mark[0] for mark in held.behind if self._stands(mark)]
-            if name in before:
-                return True
-            left += before
-        return False
-
-    def leads(self, name: str) -> bool:
-        """Return whether a vehicle that this one waits for, by itself or through others, is on its way."""
-        seen, left = set[str](), [name]
-        while left:
-            held = self._members[left.pop()][0].held
-            ahead = {held.first, *(mark[0] for mark in held.behind)} - seen if held else set[str]()
-            if any(self._members[each][0].situation.state is State.MOVING for each in ahead):
-                return True
-            seen |= ahead
-            left += ahead
-        return False
+            for ahead in ahead_of(held):
+                yield ahead
+                left.append(ahead)
 
     def _stands(self, mark: Mark) -> bool:
         """Return whether a vehicle is still where it was, or waits for the same goal."""

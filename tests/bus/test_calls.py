@@ -50,8 +50,7 @@ def lockstep_lab() -> Iterator[Lab]:
 
 @pytest.fixture
 def stepped(lockstep_lab: Lab) -> Iterator[Bare]:
-    lockstep_lab.put_back()
-    with lockstep_lab.bare() as session:
+    with lockstep_lab.put_back_session() as session:
         yield session
 
 

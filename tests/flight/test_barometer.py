@@ -156,8 +156,7 @@ def bmp280() -> Iterator[Lab]:
 
 @pytest.fixture
 def session(bmp280: Lab) -> Iterator[Bare]:
-    bmp280.put_back()
-    with bmp280.bare() as bare:
+    with bmp280.put_back_session() as bare:
         yield bare
 
 

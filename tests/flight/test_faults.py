@@ -28,8 +28,7 @@ def faulty() -> Iterator[Lab]:
 def healthy(faulty: Lab) -> Iterator[Bare]:
     """Session on that system without any fault, the vehicle hovering at its start."""
     assert faulty.quadctl("fault", "clear").code == 0
-    faulty.put_back()
-    with faulty.bare() as bare:
+    with faulty.put_back_session() as bare:
         yield bare
 
 

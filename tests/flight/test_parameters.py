@@ -24,8 +24,7 @@ def tuned() -> Iterator[Lab]:
 
 @pytest.fixture
 def session(tuned: Lab) -> Iterator[Bare]:
-    tuned.put_back()
-    with tuned.bare() as bare:
+    with tuned.put_back_session() as bare:
         yield bare
 
 

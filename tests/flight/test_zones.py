@@ -31,8 +31,7 @@ def zoned() -> Iterator[Lab]:
 
 @pytest.fixture
 def session(zoned: Lab) -> Iterator[Bare]:
-    zoned.put_back()
-    with zoned.bare() as bare:
+    with zoned.put_back_session() as bare:
         yield bare
 
 

@@ -117,6 +117,13 @@ class Lab:
                     assert set_.value["success"], set_
             bare.restart(self.status()["vehicles"])
 
+    @contextmanager
+    def put_back_session(self) -> Iterator[Bare]:
+        """Put the run back, and yield a bare session."""
+        self.put_back()
+        with self.bare() as session:
+            yield session
+
     def _parameters(self, bare: Bare) -> dict[tuple[str, str], dict[str, Any]]:
         """Return the parameters of each vehicle's node."""
         return {

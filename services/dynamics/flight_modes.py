@@ -1,9 +1,9 @@
 """Modes of a flight: standing, spin-up, flying, hopping, landing, at rest; the room for a stop.
 
 Over the floor the vehicle hops, it leaves the floor straight up, and it lands from straight above: a
-path along the floor, or diagonally from or to it, would scrape it, and contact removes all speed. A
-vehicle at rest does not change a bit until its next command: further steps would only change the
-last digits.
+path along the floor, or diagonally from or to it, would scrape it, and contact removes all speed. It
+turns round by a stop, so that no goal leads it farther out than a stop does. A vehicle at rest does
+not change a bit until its next command: further steps would only change the last digits.
 
 World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 """
@@ -36,9 +36,12 @@ MOTORS_AT_REST = 1e-6
 PERIODS_TO_REST = 25.0
 """Control periods of rest, 0.1 s, after which no force can be acting on the vehicle."""
 
+BRAKES, TURNS = 1.0, 2.0
+"""Marks of a vehicle that comes to rest, or that first brakes because it would pass its goal."""
+
 FlightMode = tuple[float, float, float, float, float, float, float, float]
-"""1 while standing; periods left to spin up; periods at rest; 1 while braking; legs of a hop still
-to come after this one, 2 to 0; and the last goal, nan before the first."""
+"""1 while standing; periods left to spin up; periods at rest; BRAKES, TURNS or 0; legs of a hop
+still to come after this one, 2 to 0; and the last goal, nan before the first."""
 
 Constants = tuple[Body, Gains, Mixer, Limits, float, float, Weather]
 """Constants of a vehicle: for the body, the controller, the mixer and the setpoint, its weight (N),
@@ -63,34 +66,51 @@ def goto(
 
     From the floor the motors first spin up for `spin_up` periods. A goal below it is one on it.
     """
-    standing, spin, calm, braking, hop, tx, ty, tz = mode
+    standing, spin, _, braking, hop, tx, ty, tz = mode
     z = z if z > 0.0 else 0.0
-    if (x != tx) | (y != ty) | (z != tz) | (braking > 0.0):
-        sx, sy, sz = place(plan, limits)
-        ex, ey, ez = trajectory.stopping_place(plan, limits)
-        way = (x - sx) * (x - sx) + (y - sy) * (y - sy)
-        # Passing over a place is not being there.
-        passed = (x - ex) * (x - ex) + (y - ey) * (y - ey)
-        here = (way <= NEAR * NEAR) & (passed <= NEAR * NEAR)
-        calm = 0.0
+    if (x != tx) | (y != ty) | (z != tz) | (braking == BRAKES):
+        plan, mode = depart(plan, (standing, spin, 0.0, braking, hop, x, y, z), spin_up, limits)
+    return plan, mode
+
+
+def depart(plan: Plan, mode: FlightMode, spin_up: float, limits: Limits) -> tuple[Plan, FlightMode]:
+    """Return the plan and the mode of a flight that begins now, to the mode's goal.
+
+    A vehicle that would pass the end of its first leg brakes first: if the limits were divided for a
+    flight to there at once, an axis that has to turn round would get less than in a stop.
+    """
+    standing, spin, calm, braking, hop, x, y, z = mode
+    sx, sy, sz = place(plan, limits)
+    ex, ey, ez = trajectory.stopping_place(plan, limits)
+    way = (x - sx) * (x - sx) + (y - sy) * (y - sy)
+    # Passing over a place is not being there.
+    passed = (x - ex) * (x - ex) + (y - ey) * (y - ey)
+    here = (way <= NEAR * NEAR) & (passed <= NEAR * NEAR)
+    begins = (standing == 0.0) | (z > 0.0) | (here == 0.0)
+    low = (z < HOP) & (here == 0.0)
+    # A flat climb, or one begun in motion over the floor, would scrape it, too.
+    moves = (here == 0.0) & (plan[6] < limits[6])
+    flat = (z - sz) * (z - sz) < FLAT * FLAT * way
+    # Contact takes the speed to the side, and a soft velocity_gain takes long to make up for
+    # it: near the floor a flight begins where the vehicle soonest stops, straight up.
+    rises = (sz < HOP - REST) | (ez < HOP - REST)
+    lands = rises & (here > 0.0) & (z <= 0.0)
+    hops = rises & (lands == 0.0) & (low | moves | flat)
+    bx, by, _ = trajectory.braking_place(plan, limits)
+    lx = bx if rises else x
+    ly = by if rises else y
+    lz = HOP if hops | low else z
+    if begins & trajectory.passes(plan, lx, ly, lz, limits):
+        plan, mode = brake(plan, mode, limits)
+        braking = TURNS
+        hop = 0.0
+    else:
         braking = 0.0
-        if (standing == 0.0) | (z > 0.0) | (here == 0.0):
-            low = (z < HOP) & (here == 0.0)
-            # A flat climb, or one begun in motion over the floor, would scrape it, too.
-            moves = (here == 0.0) & (plan[6] < limits[6])
-            flat = (z - sz) * (z - sz) < FLAT * FLAT * way
-            # Contact takes the speed to the side, and a soft velocity_gain takes long to make up for
-            # it: near the floor a flight begins where the vehicle soonest stops, straight up.
-            rises = (sz < HOP - REST) | (ez < HOP - REST)
-            lands = rises & (here > 0.0) & (z <= 0.0)
-            hops = rises & (lands == 0.0) & (low | moves | flat)
+        if begins:
             spin = spin_up if standing > 0.0 else spin
             standing = 0.0
             hop = (1.0 if rises & (lands == 0.0) else 0.0) + (1.0 if low else 0.0)
-            bx, by, _ = trajectory.braking_place(plan, limits)
-            plan = trajectory.goto(
-                plan, bx if rises else x, by if rises else y, HOP if hops | low else z, limits
-            )
+            plan = trajectory.goto(plan, lx, ly, lz, limits)
     return plan, (standing, spin, calm, braking, hop, x, y, z)
 
 
@@ -101,7 +121,7 @@ def brake(plan: Plan, mode: FlightMode, limits: Limits) -> tuple[Plan, FlightMod
         plan = trajectory.brake(plan, limits)
         calm = 0.0
         hop = 0.0
-    return plan, (standing, spin, calm, 1.0, hop, tx, ty, tz)
+    return plan, (standing, spin, calm, BRAKES, hop, tx, ty, tz)
 
 
 def place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
@@ -160,7 +180,7 @@ def touches(height: float, plan: Plan, limits: Limits) -> bool:
 
 
 def next_leg(
-    height: float, plan: Plan, mode: FlightMode, kind: float, limits: Limits
+    height: float, plan: Plan, mode: FlightMode, kind: float, spin_up: float, limits: Limits
 ) -> tuple[Plan, FlightMode]:
     """Return the plan one period later if the vehicle flies, with its next leg if one is due.
 
@@ -190,7 +210,10 @@ def next_leg(
             if lifts | (far < close * close):
                 hop = hop - 1.0
                 plan = trajectory.goto(plan, tx, ty, HOP if hop > 0.0 else tz, limits)
-    return plan, (standing, spin, calm, braking, hop, tx, ty, tz)
+        mode = (standing, spin, calm, braking, hop, tx, ty, tz)
+        if braking == TURNS:
+            plan, mode = depart(plan, mode, spin_up, limits)
+    return plan, mode
 
 
 def rest(state: State, command: Motors, plan: Plan, mode: FlightMode, limits: Limits) -> FlightMode:
@@ -221,14 +244,14 @@ def control_period(
     state: State, command: Motors, plan: Plan, mode: FlightMode, air: Air, constants: Constants
 ) -> tuple[Motors, Plan, FlightMode, Air]:
     """Return the period's motor command and air, and plan and mode at its end."""
-    _, gains, mixer, limits, weight, _, weather = constants
+    _, gains, mixer, limits, weight, spin_up, weather = constants
     if mode[2] < PERIODS_TO_REST:
         if weather[4] > 0.0:
             air = wind.blow(air, weather)
         mode, kind = select_mode(state, plan, mode, limits)
         wanted = trajectory.setpoint_of(plan, limits)
         command = motor_commands(state, wanted, kind, weight, gains, mixer, air[6:9])
-        plan, mode = next_leg(state[2], plan, mode, kind, limits)
+        plan, mode = next_leg(state[2], plan, mode, kind, spin_up, limits)
         mode = rest(state, command, plan, mode, limits)
     return command, plan, mode, air
 

@@ -180,20 +180,18 @@ Axis = tuple[float, ...]
 def needed(axis: Axis, limits: Limits) -> float:
     """Return the least share of the limits that the present motion of an axis needs.
 
-    If a stop can end short of the goal, the share for that stop. If none can, or if the axis moves
-    away from the goal, the present share: with less, the stop would end beyond the one that was
-    possible when the goal was moved, perhaps outside the cage. Never less than the share of the
-    present acceleration: the axis continues with it whatever its share, so a smaller one would give
-    the difference away twice.
+    With that share its stop ends short of the goal; if no stop can, with its present share. Never
+    less than the share of the present acceleration: the axis continues with it whatever its share,
+    so a smaller one would give the difference away twice.
     """
     p, v, a, goal, _, share, _, _, _ = axis
     most_a = limits[1]
     most_j = limits[2]
     gap = goal - p
-    part = stop(v, a, most_a, most_j) / (gap if gap != 0.0 else 1.0)
+    part = stop(v, a, share * most_a, share * most_j) / (gap if gap != 0.0 else 1.0)
     if (gap != 0.0) & (part >= 0.0) & (part <= 1.0 + TIGHT):
         low = 0.0
-        high = 1.0
+        high = share
         for _ in range(SHARE_HALVINGS):
             middle = 0.5 * (low + high)
             part = stop(v, a, middle * most_a, middle * most_j) / gap
@@ -216,70 +214,6 @@ def claim(axis: Axis, limits: Limits) -> tuple[float, float]:
     moves = (v != 0.0) | (a != 0.0)
     way = goal - p - stop(v, a, share * limits[1], share * limits[2])
     return need if moves else 0.0, 0.0 if heading == 0.0 else way
-
-
-def held(axis: Axis, limits: Limits) -> float:
-    """Return the share of the limits in use by an axis: its own, or that of its acceleration."""
-    share = abs(axis[2]) / limits[1]
-    return axis[5] if share < axis[5] else share
-
-
-def within(
-    x: Axis, y: Axis, z: Axis, nx: float, ny: float, nz: float, limits: Limits
-) -> tuple[float, float, float]:
-    """Return the needs of the axes, met as far as the squares of the shares add up to 1.
-
-    No axis that needs its present share loses any of it. If the rest cannot cover the additional
-    needs, an axis passes a goal that was moved nearer, but never the previous goal: its present
-    share is enough to stop there.
-    """
-    hx = held(x, limits)
-    hy = held(y, limits)
-    hz = held(z, limits)
-    hx = nx if nx < hx else hx
-    hy = ny if ny < hy else hy
-    hz = nz if nz < hz else hz
-    had = hx * hx + hy * hy + hz * hz
-    left = 1.0 - had if had < 1.0 else 0.0
-    more = nx * nx + ny * ny + nz * nz - had
-    k = left / more if more > left else 1.0
-    return (
-        sqrt(hx * hx + k * (nx * nx - hx * hx)),
-        sqrt(hy * hy + k * (ny * ny - hy * hy)),
-        sqrt(hz * hz + k * (nz * nz - hz * hz)),
-    )
-
-
-SLOW = 0.05
-"""Speed (m/s) below which an axis is in no hurry to turn round: at the end of its stop it would take
-the limits of all others, and start before them. Safety takes a vehicle so slow for one at rest, from
-which a way is straight."""
-
-
-def urgent(axis: Axis, way: float, part: float) -> float:
-    """Return the square of the share that a stop would add to an axis that has to turn round.
-
-    Such an axis stops beyond its goal, possibly outside the cage, and must get no farther than if
-    it were braking. `way` is from its stop's end to the goal, m.
-    """
-    v = axis[1]
-    return part * v * v if (v * way < 0.0) & (abs(v) >= SLOW) else 0.0
-
-
-EASED = 0.5
-"""Ratio of two shares, one REDIVIDE apart, of an axis that speeds up while another must turn."""
-
-
-def eased(axis: Axis, need: float, way: float, limits: Limits) -> float:
-    """Return the share of an axis while another one has to turn round: less if it speeds up.
-
-    Until its acceleration has followed, nobody else gets what it gives up: see `held`.
-    """
-    p, v, a, goal, heading, _, _, _, _ = axis
-    lower = EASED * need if EASED * need > LEAST_SHARE else LEAST_SHARE
-    ends = stop(v, a, lower * limits[1], lower * limits[2]) / (goal - p if goal != p else 1.0)
-    fits = (v * way >= 0.0) & (a * way > 0.0) & (ends >= 0.0) & (ends <= 1.0)
-    return lower if (heading != 0.0) & fits else need
 
 
 def assign_share(axis: Axis, need: float, cosine: float, left: float, limits: Limits) -> Axis:
@@ -306,8 +240,11 @@ def release_slow_axis(axis: Axis, limits: Limits) -> Axis:
 
 
 def kept(axis: Axis, limits: Limits) -> float:
-    """Return the share that an axis keeps in a stop: what it uses, or 0 if it has stopped."""
-    return held(axis, limits) if (axis[1] != 0.0) | (axis[2] != 0.0) else 0.0
+    """Return the share that an axis keeps in a stop: its own, or that of its acceleration; at rest 0."""
+    _, v, a, _, _, share, _, _, _ = axis
+    used = abs(a) / limits[1]
+    used = share if used < share else used
+    return used if (v != 0.0) | (a != 0.0) else 0.0
 
 
 def lent(axis: Axis, need: float, left: float) -> Axis:
@@ -340,11 +277,10 @@ def share_leftover(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axi
 def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
     """Share the limits among the axes, so that the squares of the shares add up to 1.
 
-    An axis that is stopping keeps its share; an axis on its way gets the share that it needs, if
-    available. So the vector of acceleration keeps its limit whatever goals are replaced. An axis
-    that has to turn round gets as much as in a stop, and the others speed up less. The rest is
-    divided by the squares of the remaining ways: from rest, the profiles then differ only in scale,
-    and the path is straight.
+    An axis that is stopping keeps its share; an axis on its way gets the share that it needs, which
+    is no more than it has. So the vector of acceleration keeps its limit whatever goals are
+    replaced. The rest is divided by the squares of the remaining ways: from rest, the profiles then
+    differ only in scale, and the path is straight.
     """
     x = release_slow_axis(x, limits)
     y = release_slow_axis(y, limits)
@@ -352,25 +288,10 @@ def divide(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]
     nx, wx = claim(x, limits)
     ny, wy = claim(y, limits)
     nz, wz = claim(z, limits)
-    nx, ny, nz = within(x, y, z, nx, ny, nz, limits)
     total = sqrt(wx * wx + wy * wy + wz * wz)
     total = total if total > 0.0 else 1.0
     left = 1.0 - (nx * nx + ny * ny + nz * nz)
     left = left if left > 0.0 else 0.0
-    speeds = x[1] * x[1] + y[1] * y[1] + z[1] * z[1]
-    part = left / speeds if speeds > 0.0 else 0.0
-    ux = urgent(x, wx, part)
-    uy = urgent(y, wy, part)
-    uz = urgent(z, wz, part)
-    nx = sqrt(nx * nx + ux)
-    ny = sqrt(ny * ny + uy)
-    nz = sqrt(nz * nz + uz)
-    left = left - (ux + uy + uz)
-    left = left if left > 0.0 else 0.0
-    turns = (x[1] * wx < 0.0) | (y[1] * wy < 0.0) | (z[1] * wz < 0.0)
-    nx = eased(x, nx, wx, limits) if turns else nx
-    ny = eased(y, ny, wy, limits) if turns else ny
-    nz = eased(z, nz, wz, limits) if turns else nz
     return (
         assign_share(x, nx, wx / total, left, limits),
         assign_share(y, ny, wy / total, left, limits),
@@ -537,7 +458,7 @@ def aim(axis: Axis, point: float) -> Axis:
 
 
 def goto(plan: Plan, gx: float, gy: float, gz: float, limits: Limits) -> Plan:
-    """Return a plan that comes to rest at this point, m."""
+    """Return a plan that comes to rest at this point, m, which it should not pass: see `passes`."""
     x, y, z, moving, _, periods, _ = plan
     x, y, z = divide(aim(x, gx), aim(y, gy), aim(z, gz), limits)
     return (x, y, z, moving, 1.0 if moving > 0.0 else 0.0, periods, 0.0)
@@ -548,6 +469,27 @@ def end(axis: Axis, limits: Limits) -> Axis:
     p, v, a, _, _, share, j1, j2, j3 = axis
     goal = p + stop(v, a, share * limits[1], share * limits[2])
     return (p, v, a, goal, 0.0, share, j1, j2, j3)
+
+
+PAST = 0.001
+"""Distance (m) past its goal at which a stop may end, and in which an axis has turned."""
+
+
+def ends_past(axis: Axis, goal: float, limits: Limits) -> bool:
+    """Return whether the stop of an axis leads it past a goal, m, or farther away from it."""
+    p, v, a, _, _, share, _, _, _ = axis
+    way = stop(v, a, share * limits[1], share * limits[2])
+    past = p + way - goal
+    return (way * past > 0.0) & (abs(way) > PAST) & (abs(past) > PAST)
+
+
+def passes(plan: Plan, gx: float, gy: float, gz: float, limits: Limits) -> bool:
+    """Return whether a flight to this point, m, would go past it, or first away from it."""
+    return (
+        ends_past(plan[0], gx, limits)
+        | ends_past(plan[1], gy, limits)
+        | ends_past(plan[2], gz, limits)
+    )
 
 
 def stopping_place(plan: Plan, limits: Limits) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics import flight_modes, trajectory, wind
 from quadctl.services.dynamics.controller import PERIOD, control_constants
-from quadctl.services.dynamics.flight_modes import Constants, FlightMode, fresh
+from quadctl.services.dynamics.flight_modes import TURNS, Constants, FlightMode, fresh
 from quadctl.services.dynamics.rigidbody import STEP, Motors, State, body_constants
 from quadctl.services.dynamics.rotor import hover_speed, mixer_constants
 from quadctl.services.dynamics.trajectory import Limits, Plan, limits_of
@@ -171,8 +171,8 @@ class Vehicle:
     @property
     def goal(self) -> Vector:
         """Return the point where the setpoint comes to rest, m, world."""
-        _, _, _, _, hop, x, y, z = self._mode
-        if hop > 0.0:
+        _, _, _, braking, hop, x, y, z = self._mode
+        if (braking == TURNS) | (hop > 0.0):
             return x, y, z
         return self._plan[0][3], self._plan[1][3], self._plan[2][3]
 

@@ -9,7 +9,6 @@ from tests.support.lab import private_lab
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(90)
 def test_json_output_has_the_recorded_shapes():
     compiled_kernel()
     with private_lab() as lab:

@@ -76,9 +76,16 @@ a cage that comes on or shrinks around a healthy vehicle
   - flight/checkpoint_4: turning_the_cage_on_keeps_a_flight_to_a_goal_inside
   - flight/campaign: ten_thousand_flights_stay_within_the_margin
   = false alarms of the guard of the way in 10 000 flights
+the cage or a zone changes in a turn
+  at most 10 mm farther outside what is then in force than a vehicle that gets `hold` in that instant
+  - unit/safety/changes: a_cage_around_the_new_goal_of_a_turn_leads_no_farther_out_than_a_hold
+    changes_in_random_flights_lead_no_farther_out_than_a_hold
+    100_000_changes_lead_no_farther_out_than_a_hold
+  - flight/checkpoint_4: turning_the_cage_on_keeps_a_flight_to_a_goal_inside
+  = changes of cage or zones
 goals inside, replaced in flight
-  at most 10 mm out of the cage in still air, for any goals at any time; the acceleration vector
-  keeps its limit, so the vehicle may pass a goal moved nearer, but no older one
+  at most 10 mm out of the cage in still air, for any goals at any time; a goal that the vehicle
+  cannot stop at is passed as far as by a stop, an older one never
   - flight/fly: goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside
   - unit/dynamics/vehicle_goals: 2000_flights_of_replaced_goals_stay_inside
   - unit/dynamics/trajectory: moved_goals_are_not_overshot_beyond_the_farthest

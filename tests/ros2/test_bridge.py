@@ -250,9 +250,14 @@ def test_several_vehicles_have_namespaces_and_one_clock_where_time_is_simulated(
             session.declare_subscriber(f"6/{name}/**")
             for name in ("clock", "uav0/pose", "uav1/pose")
         )
-        ticks = [cdr.decode(Clock, clock.recv().payload.to_bytes()).clock for _ in range(3)]
-        assert ticks[0].sec < 1000
-        assert ticks[0] != ticks[1] != ticks[2]
+        ticks: list[tuple[int, int]] = []
+        # The time of a pose comes again if safety is late with its answer: the clock waits for it.
+        while len(ticks) < 3:
+            now = cdr.decode(Clock, clock.recv().payload.to_bytes()).clock
+            if (tick := (now.sec, now.nanosec)) not in ticks:
+                ticks.append(tick)
+        assert ticks == sorted(ticks)
+        assert ticks[-1] < (1000, 0)
         for poses in (first, second):
             stamp = cdr.decode(PoseStamped, poses.recv().payload.to_bytes()).header.stamp
             assert stamp.sec < 1000

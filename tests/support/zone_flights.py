@@ -2,13 +2,13 @@
 
 import math
 import random
-from collections.abc import Sequence
 from math import inf
 
 from quadctl.schemas.messages import Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.safety.zones import Region
+from tests.support.evolved import evolve
 from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods, random_height
 
 SIZE, HEIGHT = 6.0, 4.0
@@ -147,45 +147,22 @@ def worst(seeds: range) -> tuple[float, dict[bool, int], int]:
     return deepest, verdicts, at
 
 
-class Genes(random.Random):
-    """Random numbers that are kept, so that a flight can be flown again with some of them changed."""
-
-    def __init__(self, seed: int, known: Sequence[float] = ()) -> None:
-        super().__init__(seed)
-        self._known = known
-        self.drawn: list[float] = []
-
-    def random(self) -> float:
-        number = len(self.drawn)
-        value = self._known[number] if number < len(self._known) else super().random()
-        self.drawn.append(value)
-        return value
-
-
 class _Watched(ZoneFlight):
     watches = True
 
 
-def search(evaluations: int, island: int = 0, kept: int = 40) -> tuple[float, float]:
+def search(evaluations: int, island: int = 0) -> tuple[float, float]:
     """Return the greatest depth (m) and the least distance (m) of so many flights.
 
     The ones that came deepest, or else nearest, are varied; each `island` has its own.
     """
-    draws = random.Random(island)
-    best: list[tuple[float, list[float]]] = []
     deepest, nearest = 0.0, inf
-    for number in range(evaluations * island, evaluations * (island + 1)):
-        known: list[float] = []
-        if best and draws.random() < 0.8:
-            known = list(draws.choice(best)[1])
-            for _ in range(draws.randint(1, 4)):
-                at = draws.randrange(len(known))
-                near = min(max(known[at] + draws.gauss(0, 0.03), 0.0), 1 - 1e-9)
-                known[at] = near if draws.random() < 0.7 else draws.random()
-        genes = Genes(number, known)
-        flight = drawn_flight(genes, _Watched)
+
+    def rank(draws: random.Random) -> float:
+        nonlocal deepest, nearest
+        flight = drawn_flight(draws, _Watched)
         deepest, nearest = max(deepest, flight.deepest), min(nearest, flight.nearest)
-        best.append((flight.rank, genes.drawn))
-        best.sort(key=lambda one: one[0])
-        del best[kept:]
+        return flight.rank
+
+    evolve(rank, evaluations, island)
     return deepest, nearest

@@ -13,7 +13,7 @@ from functools import reduce
 from quadctl.services.dynamics.compiled.branchless import PLAIN, RARE
 from quadctl.services.dynamics.compiled.source import merged
 from quadctl.services.dynamics.controller import STEPS
-from quadctl.services.dynamics.flight_modes import PERIODS_TO_REST
+from quadctl.services.dynamics.flight_modes import PERIODS_TO_REST, TURNS
 
 COMMANDS = """
 @njit(error_model='numpy', cache=True)
@@ -196,7 +196,7 @@ def _glide(q, c):
         live = mode[2] < {PERIODS_TO_REST}
         flies = live & (_kind(q, n)[0] == 2.0)
         plan, due = branchless__glide(_plan_of(before), limits)
-        leads = (mode[4] > 0.0) | flight_modes__touches(_state(q, n)[2], plan, limits)
+        leads = (mode[3] == {TURNS}) | (mode[4] > 0.0) | flight_modes__touches(_state(q, n)[2], plan, limits)
         rare = flies & ((due == {RARE}) | leads)
         plain = flies & (due == {PLAIN}) & (leads == False)
         after = _flat(plan)
@@ -207,9 +207,9 @@ def _glide(q, c):
         _put_rare(q, n, (1.0 if rare else 0.0,))
 
 @njit(error_model='numpy', inline='never')
-def _lead_on(q, n, limits):
+def _lead_on(q, n, spin_up, limits):
     plan, mode = flight_modes__next_leg(
-        _state(q, n)[2], _plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], limits)
+        _state(q, n)[2], _plan_of(_plan(q, n)), _mode(q, n), _kind(q, n)[0], spin_up, limits)
     mode = flight_modes__rest(_state(q, n), _command(q, n), plan, mode, limits)
     _put_plan(q, n, _flat(plan))
     _put_mode(q, n, mode)
@@ -241,6 +241,7 @@ def _blow(q, c):
 @njit(error_model='numpy', inline='never')
 def _advance(q, c, start, steps):
     limits = _get_limits(c)
+    spin_up = _get_spin_up(c)[0]
     weather = _get_weather(c)
     windy = (weather[0] != 0.0) | (weather[1] != 0.0) | (weather[2] != 0.0) | (weather[4] > 0.0)
     count = start
@@ -253,7 +254,7 @@ def _advance(q, c, start, steps):
             _glide(q, c)
             for n in range(np.uint64({WIDTH})):
                 if q[_rare0 + n] > 0.0:
-                    _lead_on(q, n, limits)
+                    _lead_on(q, n, spin_up, limits)
         pair = (count % 2 == 0) & (count + 1 < start + steps)
         if windy:
             _wind2(q, c) if pair else _wind1(q, c)

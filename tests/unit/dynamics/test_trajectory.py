@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics import trajectory as generator
 from quadctl.services.dynamics.controller import PERIOD
-from quadctl.services.dynamics.trajectory import SLOW, Motion, advance_axis, decelerate, stop
+from quadctl.services.dynamics.trajectory import Motion, advance_axis, decelerate, stop
 from quadctl.services.dynamics.vehicle import Vehicle
-from quadctl.services.safety.cage import AT_REST
 from tests.support.setpoint_path import Path
 
 SIZE = (5.0, 5.0, 2.0)
@@ -235,10 +234,6 @@ def test_an_axis_at_the_end_of_a_slow_stop_leaves_the_limits_to_the_others():
     *axes, _, _, _, _ = generator.goto((x, y, sinking, 1.0, 1.0, 0.0, 0.0), *goal, limits)
     along = [(g - s) / dist(start, goal) for s, g in zip(start, goal, strict=True)]
     assert [axis[5] for axis in axes] == pytest.approx(along, rel=0.01)
-
-
-def test_what_safety_takes_for_rest_is_in_no_hurry_to_turn_round():
-    assert SLOW == AT_REST
 
 
 @settings(max_examples=20)

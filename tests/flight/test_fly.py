@@ -132,7 +132,7 @@ def test_fly_prints_rows_and_digests_as_text(fast: Lab):
     told = fast.quadctl("fly", "mission.toml")
     assert (told.code, told.err) == (0, "")
     assert re.search(
-        r"^4\.60 s +goto 9 0 1 +rejected: outside the cage: x = 9", told.out, re.MULTILINE
+        r"^4\.80 s +goto 9 0 1 +rejected: outside the cage: x = 9", told.out, re.MULTILINE
     )
     assert re.search(r"^2\.00 s +calibrate +baseline 1013\.\d{4} hPa$", told.out, re.MULTILINE)
     digest = fly(fast)["poses"]

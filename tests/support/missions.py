@@ -19,7 +19,7 @@ rows = [
     { at = 2.0, do = "goto", x = 2.0, y = 1.0, z = 1.5 },
     { at = 2.4, do = "goto", x = -1.0, y = 1.0, z = 1.0 },
     { at = 2.6, do = "goto", x = 0.0, y = -1.0, z = 1.0, replace = true },
-    { at = 4.6, do = "goto", x = 9.0, y = 0.0, z = 1.0 },
+    { at = 4.8, do = "goto", x = 9.0, y = 0.0, z = 1.0 },
     { at = 4.83, do = "cage", on = false },
     { at = 4.83, do = "goto", x = 5.5, y = 0.0, z = 1.0 },
     { at = 5.3, do = "cage", on = true },

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 Session = zenoh.Session
 LOOKS = 2.0
 """Rate (Hz) of a router's search for new links; none is given up within a second."""
+_CALLS = 16
+"""Batches of 64 KB of calls that may wait for a receiver: those of a mission, 5000, take 12."""
 _OFF = struct.pack("ii", 0, 0)
 
 
@@ -104,7 +106,13 @@ def _router(address: Address) -> dict[str, Any]:
     # A receiver without room for a message that must not be dropped is waited for. The router reads
     # nothing meanwhile, but the lease of its clients is twice as long.
     block = {"wait_before_close": 1000 * address.lease_ms}
-    config["transport"]["link"]["tx"]["queue"] = {"congestion_control": {"block": block}}
+    config["transport"]["link"]["tx"]["queue"] = {
+        "congestion_control": {"block": block}, "size": {"data_low": _CALLS},
+    }  # fmt: skip
+    # Calls have a queue of their own, and those for which it has no room are lost: if the router
+    # waited for a node that is flooded with calls, nothing else would pass.
+    calls = {"congestion_control": "drop", "priority": "data_low"}
+    config["qos"] = {"network": [{"messages": ["query"], "flows": ["ingress"], "overwrite": calls}]}
     # Another hub may start at any time.
     retry = session.retry(session.JOIN_MS)
     config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": retry}

@@ -28,6 +28,7 @@ from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.params.load import check, read
 from quadctl.services.runtime.process_table import QUICK, table
+from quadctl.services.runtime.procfs import has_ended
 from quadctl.services.runtime.realm import DEFAULT, Realm
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.supervisor import control
@@ -296,9 +297,12 @@ class _StudentNode:
 
     def explained(self, problem: QuadctlError) -> str:
         """Return what ended a row's flight: the node's crash, its error in a handler, or neither."""
-        # The supervisor writes its record a moment after a process has ended.
-        deadline = time.monotonic() + _NOTICED
-        while not (crash := self.crash()) and time.monotonic() < deadline:
+        # The supervisor writes its record a moment after a process has ended, or later if it is busy.
+        began = time.monotonic()
+        while not (crash := self.crash()):
+            waited = time.monotonic() - began
+            if waited > (_NOTICED_AT_LAST if has_ended(self._before.pid) else _NOTICED):
+                break
             time.sleep(_LOOK)
         if crash:
             return crash
@@ -346,8 +350,8 @@ class _StudentNode:
         return data[begin:] if begin <= len(data) else data
 
 
-_NOTICED, _LOOK = 0.3, 0.02
-"""Seconds until the end of a process is in the record, and between two looks at it."""
+_NOTICED, _NOTICED_AT_LAST, _LOOK = 0.3, 10.0, 0.02
+"""Seconds until a process ends, until its end is in the record, and between two looks at both."""
 
 
 def _random_flights(client: Client, params: Params, row: RubricRow) -> RowVerdict:

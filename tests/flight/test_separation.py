@@ -73,7 +73,6 @@ def crawling(lab: Lab, vehicle: str) -> Iterator[None]:
         assert lab.quadctl("param", "set", name, 5.0).code == 0
 
 
-@pytest.mark.thorough
 def test_hold_drops_a_goal_that_waits(home: Lab):
     with crawling(home, "uav1"), home.bare() as bare:
         assert home.quadctl("goto", -1, 2, 1, "--vehicle", "uav1", "--no-wait").code == 0

@@ -176,6 +176,16 @@ another vehicle on the way, or one that flies there
   - flight/separation: three_change_places_by_one_command fifty_change_places_by_one_command
     goals_too_near_each_other_move_nobody hold_drops_a_goal_that_waits
   = least distance
+a goal that waits, and its vehicle or one ahead of it fails
+  it ends with a reason and is never flown later: with the poses or a fault of its vehicle, or after 30 s in
+  which nobody ahead of it moves on; nobody waits behind it
+  - unit/safety/separation: a_goal_that_waits_ends_with_the_poses_of_its_vehicle
+    a_goal_that_waits_ends_with_a_fault_of_its_vehicle
+    a_goal_that_waits_ends_when_nobody_ahead_of_it_moves_on
+    in_fleets_with_faults_no_goal_that_waits_hangs_and_all_land_or_are_told_why
+    10_000_fleets_with_faults_hang_nowhere
+  - flight/separation: hold_drops_a_goal_that_waits
+  = goals that wait
 an autopilot that is not ours in the place of the vehicle, over a bad radio
   flown only while its pilot has armed it and selected the mode of programs; what is lost in flight stops
   it, and what safety wanted before is dropped; it stays within what its calibration declares

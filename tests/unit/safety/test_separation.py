@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import Position
 from quadctl.services.safety.model import State
 from quadctl.services.safety.separation import How, Neighbour, Piece, conflicts, distance, why_near
+from tests.support import faulty_fleet
 from tests.support.fleet_flights import FleetFlight, worst
 from tests.support.proofs import Proofs
 from tests.support.worlds import POSE, RESTING
@@ -226,6 +227,20 @@ def test_a_goal_that_waits_ends_when_nobody_ahead_of_it_moves_on():
     fleet.fly(5.0)
     reason = "the goal waits no more, no vehicle ahead of it has moved on for 30 s"
     assert fleet.members[1].monitor.state().reason == reason
+
+
+def test_in_fleets_with_faults_no_goal_that_waits_hangs_and_all_land_or_are_told_why():
+    assert faulty_fleet.worst(range(30)) == []
+
+
+@pytest.mark.prove
+@pytest.mark.timeout(7200)
+def test_10_000_fleets_with_faults_hang_nowhere(proofs: Proofs):
+    with ProcessPoolExecutor() as pool:
+        shares = pool.map(faulty_fleet.worst, [range(n, n + 500) for n in range(30, 10_030, 500)])
+        wrong = [line for share in shares for line in share]
+    proofs.add("10 000 fleets with goals that wait, and faults", f"{len(wrong)} hang or hover", "0")
+    assert wrong == []
 
 
 def test_vehicles_that_start_too_near_may_only_leave_each_other():

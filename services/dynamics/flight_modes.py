@@ -184,6 +184,8 @@ def next_leg(
 ) -> tuple[Plan, FlightMode]:
     """Return the plan one period later if the vehicle flies, with its next leg if one is due.
 
+    That of a vehicle that turns begins once its stop no longer ends past its goal, see `depart`.
+
     A landing ends when the vehicle, at this height (m), touches the floor, and a climb that follows
     on it begins anew. Braking the rest of the way would push the vehicle off, with a speed that a
     soft velocity_gain takes long to end.

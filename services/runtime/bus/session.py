@@ -163,8 +163,6 @@ def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
             del os.environ[name]
 
 
-_REOPENING = 2.0
-"""Seconds until a gate that reopens lets clients in again; it takes a quarter of them, more under load."""
 _POLL = 0.05
 
 
@@ -217,7 +215,7 @@ def _through_gate(address: Address, timeout: float) -> zenoh.Session:
         except NotAllowed:
             raise
         except Unreachable:
-            if time.monotonic() > seen + min(timeout, _REOPENING):
+            if time.monotonic() > seen + min(timeout, permissions.IN_FORCE):
                 raise
         else:
             while (

@@ -9,11 +9,11 @@ import zenoh
 from quadctl.schemas.services import HoldResponse
 from quadctl.services.runtime.bus import codec
 from tests.support.bare import Answer, Bare, pack, ticket, unpack
+from tests.support.flooder import FAR, GOAL, SERVICES
 from tests.support.lab import Lab, private_lab
 from tests.support.running import Done
 
 GOTO = "uav/@srv/goto"
-GOAL = {"x": 1.0, "y": 0.0, "z": 1.0}
 
 
 class PendingCall:
@@ -79,23 +79,11 @@ def test_a_past_time_is_refused_and_a_reset_drops_scheduled_calls(stepped: Bare)
     assert waiting.answer().code == "expired"
 
 
-SERVICES = {
-    "goto": GOAL,
-    "hold": {},
-    "toggle_cage": {"cage_on": False},
-    "calibrate_pressure": {"zero": True},
-    "reset": {},
-    **{f"{node}/get_params": {"names": []} for node in ("safety", "dynamics", "pressure", "hub")},
-    **{f"{node}/set_params": {"values": {}} for node in ("safety", "dynamics", "pressure", "hub")},
-}
-"""Request of each service."""
-
-
 def test_in_real_time_a_call_for_a_time_is_refused_and_the_flight_stays_guarded(
     shared_lab: Lab, hover: Bare
 ):
     for name, fields in SERVICES.items():
-        far = ticket(30, at=86_400.0)
+        far = ticket(30, at=FAR)
         refused = hover.query(f"uav/@srv/{name}", pack(fields), attachment=far)
         assert (name, refused.ok, refused.code) == (name, False, "refused")
         assert "dynamics.lockstep=true" in refused.value["hint"]

@@ -18,6 +18,18 @@ CALLS, RATE, SECONDS = 20_000, 40_000, 5.0
 PATIENCE = 30.0
 """Time (s) after which a call that the hub had no room for counts as unanswered."""
 GOAL = {"x": 1.0, "y": 0.0, "z": 1.0}
+SERVICES: dict[str, dict[str, Any]] = {
+    "goto": GOAL,
+    "hold": {},
+    "toggle_cage": {"cage_on": False},
+    "calibrate_pressure": {"zero": True},
+    "reset": {},
+    **{f"{node}/get_params": {"names": []} for node in ("safety", "dynamics", "pressure", "hub")},
+    **{f"{node}/set_params": {"values": {}} for node in ("safety", "dynamics", "pressure", "hub")},
+}
+"""Request of each service."""
+FAR = 86_400.0
+"""Simulated time (s) that no flight lives to see."""
 
 
 def call(opened: zenoh.Session, vehicle: str, kind: str) -> Counter[str]:
@@ -27,7 +39,7 @@ def call(opened: zenoh.Session, vehicle: str, kind: str) -> Counter[str]:
     assert state is not None
     now = msgspec.msgpack.decode(state.payload.to_bytes())["stamp"]
 
-    def send(number: int) -> None:
+    def send(service: str, at: float, name: str) -> None:
         replies: list[str] = []
 
         def on_reply(reply: zenoh.Reply) -> None:
@@ -41,17 +53,20 @@ def call(opened: zenoh.Session, vehicle: str, kind: str) -> Counter[str]:
             open_.release()
 
         callback: Any = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
-        at = {"later": now + 5 + number / 1000, "at once": now + 5, "again": now + 5}[kind]
-        name = "the same" if kind == "again" else uuid.uuid4().hex
         ticket = {"id": name, "deadline": time.time() + PATIENCE, "at": at}
         opened.get(
-            f"{vehicle}/@srv/goto", callback, payload=msgspec.msgpack.encode(GOAL),
+            f"{vehicle}/@srv/{service}", callback, payload=msgspec.msgpack.encode(SERVICES[service]),
             attachment=msgspec.msgpack.encode(ticket), timeout=PATIENCE,
         )  # fmt: skip
 
-    for number in range(CALLS):
-        send(number)
-    for _ in range(CALLS):
+    if kind == "far":
+        for service in SERVICES:
+            send(service, FAR, uuid.uuid4().hex)
+    else:
+        for number in range(CALLS):
+            after = number / 1000 if kind == "later" else 0.0
+            send("goto", now + 5 + after, "the same" if kind == "again" else uuid.uuid4().hex)
+    for _ in range(len(SERVICES) if kind == "far" else CALLS):
         assert open_.acquire(timeout=DEADLINE)
     return ended
 
@@ -72,7 +87,7 @@ def main(endpoint: str, kind: str, vehicle: str, identity: str = "") -> None:
     """Flood a vehicle, and print as JSON how the calls ended, or how many positions were sent.
 
     `kind` is `later`, `at once` or `again` for 20 000 calls for simulated times: each for another one, all for the
-    same, or all the same call; or `positions` for 40 000 requested positions a second, for 5 s.
+    same, or all the same call; `far` for one to each service for the next day; or `positions` for 40 000 requested positions a second, for 5 s.
     """
     with session(endpoint, Path(identity)) as opened:
         flood = publish(opened, vehicle) if kind == "positions" else call(opened, vehicle, kind)

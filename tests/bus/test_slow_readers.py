@@ -17,21 +17,27 @@ from tests.support.proofs import Proofs
 from tests.support.running import DEADLINE, eventually
 
 SIZE = 8_000_000
+BUSY = 0.5
+"""Seconds for which a server reads nothing."""
 
 
-def test_a_query_of_megabytes_arrives_complete_and_is_answered():
+def test_a_query_of_megabytes_arrives_complete_at_a_busy_server_and_is_answered():
     def echo(query: zenoh.Query) -> None:
         with query:
-            assert query.payload is not None
-            query.reply("stranger/echo", query.payload.to_bytes())
+            if query.payload is None:
+                time.sleep(BUSY)
+            else:
+                query.reply("stranger/echo", query.payload.to_bytes())
 
     sent = bytes(range(256)) * (SIZE // 256)
     # A private lab: if the hub failed here, the other tests of a shared lab would fail too.
     with private_lab() as lab:
         lab.start("--set", "dynamics.start.z=1")
         with lab.bare() as server, lab.bare() as caller, lab.bare() as third:
-            server.session.declare_queryable("stranger/echo", echo, complete=True)
+            callback = zenoh.handlers.Callback(echo, indirect=False)
+            server.session.declare_queryable("stranger/echo", callback, complete=True)
             poses = third.watch("uav/pose")
+            caller.session.get("stranger/echo", timeout=DEADLINE)
             assert echoed(caller, sent) == [sent]
             stamps = [pose["stamp"] for pose in poses.next(20)]
             assert stamps == sorted(stamps)

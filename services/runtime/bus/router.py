@@ -23,6 +23,8 @@ LOOKS = 2.0
 """Rate (Hz) of a router's search for new links; none is given up within a second."""
 _CALLS = 16
 """Batches of 64 KB of calls that may wait for a receiver: those of a mission, 5000, take 12."""
+_SHORT = 60_000
+"""Most bytes of a call that fits into one batch."""
 _OFF = struct.pack("ii", 0, 0)
 
 
@@ -110,9 +112,11 @@ def _router(address: Address) -> dict[str, Any]:
         "congestion_control": {"block": block}, "size": {"data_low": _CALLS},
     }  # fmt: skip
     # Calls have a queue of their own, and those for which it has no room are lost: if the router
-    # waited for a node that is flooded with calls, nothing else would pass.
-    calls = {"congestion_control": "drop", "priority": "data_low"}
-    config["qos"] = {"network": [{"messages": ["query"], "flows": ["ingress"], "overwrite": calls}]}
+    # waited for a node that is flooded with calls, nothing else would pass. A call of megabytes
+    # never has room at once, so it is waited for.
+    calls = {"messages": ["query"], "flows": ["ingress"], "payload_size": f"..{_SHORT}"}
+    own_queue = {"congestion_control": "drop", "priority": "data_low"}
+    config["qos"] = {"network": [calls | {"overwrite": own_queue}]}
     # Another hub may start at any time.
     retry = session.retry(session.JOIN_MS)
     config["connect"] = {"timeout_ms": -1, "exit_on_failure": False, "retry": retry}

@@ -37,4 +37,4 @@ def run(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("dynamics", run)
+    start("dynamics", run, keeps_time=True)

@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument("--key", default="")
     parser.add_argument("--origin", action="append", default=[])
     options, sys.argv[1:] = parser.parse_known_args()
-    start(NAME, partial(run, FoxgloveBridge(options)))
+    start(NAME, partial(run, FoxgloveBridge(options)), keeps_time=True)
 
 
 def run(bridge: "FoxgloveBridge", node: Node, _params: Params) -> None:

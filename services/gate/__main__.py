@@ -118,4 +118,4 @@ class Gate:
 
 if __name__ == "__main__":
     gate = Gate()
-    start("gate", gate.run, gate.open)
+    start("gate", gate.run, gate.open, keeps_time=True)

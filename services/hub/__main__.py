@@ -20,4 +20,4 @@ def run(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("hub", run, open_router)
+    start("hub", run, open_router, keeps_time=True)

@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("--origin", nargs=3, type=float, default=())
     parser.add_argument("--signing-key", type=Path)
     options, sys.argv[1:] = parser.parse_known_args()
-    start(NAME, partial(run, MavlinkBridge(options)))
+    start(NAME, partial(run, MavlinkBridge(options)), keeps_time=True)
 
 
 def run(bridge: "MavlinkBridge", node: Node, _params: Params) -> None:

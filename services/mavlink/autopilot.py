@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--signing-key", type=Path)
     parser.add_argument("--no-fence", action="store_true")
     options, sys.argv[1:] = parser.parse_known_args()
-    start("dynamics", partial(run, AutopilotProcess(options)))
+    start("dynamics", partial(run, AutopilotProcess(options)), keeps_time=True)
 
 
 def run(process: "AutopilotProcess", node: Node, params: Params) -> None:

@@ -187,4 +187,4 @@ def run(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("pressure", run)
+    start("pressure", run, keeps_time=True)

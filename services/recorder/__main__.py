@@ -79,7 +79,7 @@ def main() -> None:
     # A supervised run has one recorder of this name; others run beside it under their own names.
     alone = not os.environ.get("QUADCTL_SUPERVISED")
     name = f"{RECORDER}-{os.getpid()}" if alone else RECORDER
-    start(name, partial(_attended, options), partial(_open, options))
+    start(name, partial(_attended, options), partial(_open, options), keeps_time=True)
 
 
 def _open(

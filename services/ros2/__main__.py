@@ -92,7 +92,7 @@ def main() -> None:
     parser.add_argument("--domain", type=int, default=domain)
     parser.add_argument("--router", default=ROUTER)
     options, sys.argv[1:] = parser.parse_known_args()
-    start(NAME, partial(run, RouterLink(options.router), options.domain))
+    start(NAME, partial(run, RouterLink(options.router), options.domain), keeps_time=True)
 
 
 def run(link: "RouterLink", domain: int, node: Node, params: Params) -> None:

@@ -48,13 +48,19 @@ _REST = 0.3
 is gone, and does not send its declarations to a neighbour that is back sooner."""
 
 
-def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = None) -> NoReturn:
+def start(
+    name: str,
+    run: Run,
+    opening: Callable[..., zenoh.Session] | None = None,
+    *,
+    keeps_time: bool = False,
+) -> NoReturn:
     """Run a node until SIGINT, SIGTERM, or its supervisor's death; never returns.
 
     Parses the command line (see `--help`), opens the session, serves the parameters and calls
     `run(node, params)`, once for each of several vehicles, which take turns. `opening` opens the
-    session in place of the default, again after each ReopenSession. In a run, the name in
-    `[processes]` counts in place of `name`, as in a launch file of ROS.
+    session in place of the default, again after each ReopenSession. `keeps_time`: see Node. In a
+    run, the name in `[processes]` counts in place of `name`, as in a launch file of ROS.
     """
     name = os.environ.get("QUADCTL_NODE") or name
     options = _parse(name)
@@ -63,7 +69,7 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
         logging.addLevelName(level, logging.getLevelName(level).lower())
     try:
         interruptible()
-        code = _run(name, run, options, opening)
+        code = _run(name, run, options, opening, keeps_time=keeps_time)
     except QuadctlError as error:
         logging.getLogger(name).error("error: %s. %s", error.message, error.hint)
         code = error.exit_code
@@ -75,7 +81,12 @@ def start(name: str, run: Run, opening: Callable[..., zenoh.Session] | None = No
 
 
 def _run(
-    name: str, run: Run, options: argparse.Namespace, opening: Callable[..., zenoh.Session] | None
+    name: str,
+    run: Run,
+    options: argparse.Namespace,
+    opening: Callable[..., zenoh.Session] | None,
+    *,
+    keeps_time: bool,
 ) -> int:
     realm = Realm(options.realm)
     realm.create()
@@ -96,8 +107,9 @@ def _run(
                     few = len(fleet) == 1 or is_secure(address.endpoint)
                     present = liveliness.present(opened, fleet if few else ["*"])
                     executor = _executor_of(
-                        name, run, fleet, opened, realm, present, options.connect
-                    )
+                        name, run, fleet, opened, realm, present, options.connect,
+                        keeps_time=keeps_time,
+                    )  # fmt: skip
                 except AlreadyServed:
                     # Distant hubs may still list our own previous session as alive.
                     if time.monotonic() > patience:
@@ -136,6 +148,8 @@ def _executor_of(
     realm: Realm,
     present: liveliness.Present,
     connect: str,
+    *,
+    keeps_time: bool,
 ) -> MultiNodeExecutor:
     """Return an executor with the service of every vehicle, ready to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
@@ -147,7 +161,7 @@ def _executor_of(
         node = Node(
             name, vehicle, opened, own, present=present, restarted=restarted,
             reference_params=like, single=single, connect=connect,
-            lockstep=params.dynamics.in_lockstep,
+            lockstep=params.dynamics.in_lockstep, keeps_time=keeps_time,
         )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))

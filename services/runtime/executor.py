@@ -185,6 +185,12 @@ class Executor:
         while self._serve_until(math.inf):
             pass
 
+    def serve_waiting(self) -> None:
+        """Serve the items that are queued now, at most a burst, without waiting for more."""
+        for _ in range(min(len(self._inbox), _BURST)):
+            if item := self._inbox.next():
+                item()
+
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """Serve the queue until the condition holds; False at the timeout (s) or when stopped."""
         deadline = time.monotonic() + timeout
@@ -212,9 +218,7 @@ class Executor:
         Returns early when the rate may have changed. Of the items queued before the call, some are
         served even after that time: a late loop still answers, and a flood delays no tick.
         """
-        for _ in range(min(len(self._inbox), _BURST)):
-            if item := self._inbox.next():
-                item()
+        self.serve_waiting()
         while not self.stopping and not self._retimed and self._serve_one(deadline):
             pass
         self._retimed = False

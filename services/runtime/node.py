@@ -8,11 +8,12 @@ from typing import Any, TypeVar
 
 import zenoh
 from msgspec import Struct
+from msgspec.structs import replace
 
 from quadctl.schemas import keyexpr
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT, Service, Topic
+from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT, Service, Topic, period
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import ServiceClient
 from quadctl.services.runtime.bus.client import latest
@@ -28,6 +29,7 @@ R = TypeVar("R", bound=Struct)
 
 _DEPTH = 1000
 """Messages that may wait for a handler: a hundredth of a second of a flood."""
+_POSES = (POSE, POSE_SLOW)
 LOST_AFTER = 1.5 / SETPOINT.hz
 """Seconds after an answer to a pose: a pose repeated later means that the answer was lost. A vehicle
 with a frozen pose repeats it, too, in each period."""
@@ -43,6 +45,8 @@ class Node:
     `restarted`: this process replaces a dead one. `reference_params`: the parameters of the
     process's first vehicle, None if that is this one. `single`: the process has no other vehicle.
     `lockstep`: calls may be scheduled, and a publisher waits for a slow subscriber and drops no message.
+    The node then follows simulated time, by the poses; with `keeps_time` it advances it itself, and its
+    ticks are those of the machine.
     `present`: what else is there, if it has been asked for the process's vehicles together.
     `connect`: the hub's endpoint if it is not the realm's own.
     Raises AlreadyServed when another process is this node.
@@ -60,12 +64,14 @@ class Node:
         reference_params: Params | None = None,
         single: bool = True,
         lockstep: bool = False,
+        keeps_time: bool = False,
         connect: str = "",
     ) -> None:
         self._connect = connect
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
         self._lockstep = lockstep
+        self._follows = lockstep and not keeps_time
         present = present or liveliness.present(session, [vehicle])
         self._servers = present.servers
         if (vehicle, name) in present.nodes:
@@ -80,6 +86,11 @@ class Node:
         self._subscribed: dict[Subscription[Any], keyexpr.EndpointInfo] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._schedule = Schedule(lockstep=lockstep)
+        self._followed: set[Subscription[Any]] = set()
+        """Subscriptions to poses, each of which advances simulated time."""
+        self._passed: deque[Pose] | None = None
+        """Poses that ticks of simulated time have not yet counted; None without such ticks."""
+        self._setpoints: Publisher[Any] | None = None
         self._ready = False
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
@@ -102,6 +113,8 @@ class Node:
         publisher = Publisher(self._session, key, topic, waits=self._lockstep, defer=defer)
         if topic.latched:
             self._answer_queries(key, publisher.answer)
+        if topic is SETPOINT:
+            self._setpoints = publisher
         return publisher
 
     def listen(
@@ -116,8 +129,12 @@ class Node:
         """Subscribe to a topic; the handler, if any, runs on the node's loop.
 
         With `inline` it may run earlier, on a Zenoh thread, and must not block. A topic that does
-        not wake the loop is handled at its next call or tick.
+        not wake the loop is handled at its next call or tick. In a node that follows simulated
+        time, it advances to each pose before the pose's handler runs.
         """
+        advances = handler is not None and self._follows and topic in _POSES
+        if handler is not None and advances:
+            handler = self._advancing(handler)
 
         def awaited() -> bool:
             return self.executor.waits > 0 or self._schedule.holding
@@ -130,6 +147,8 @@ class Node:
         self._subscribers[subscription] = self._session.declare_subscriber(
             topic.key(self.vehicle), callback
         )
+        if advances:
+            self._followed.add(subscription)
         if not topic.name.startswith("@"):  # calls are announced as services
             self._subscribed[subscription] = self._endpoint("@sub", topic, topic.hz)
             if self._ready:
@@ -140,6 +159,7 @@ class Node:
         """End a subscription; messages that wait for its handler are dropped."""
         self._subscribers.pop(subscription).undeclare()
         self.executor.remove_poller(subscription.poll)
+        self._followed.discard(subscription)
         if self._subscribed.pop(subscription, None) and self._ready:
             self._announce()
 
@@ -222,27 +242,68 @@ class Node:
         return self.in_force()
 
     def ready(self) -> None:
-        """Declare the endpoints, and last the node: a client that sees it may call it at once."""
+        """Declare the endpoints, and last the node: a client that sees it may call it at once.
+
+        A node that follows simulated time waits for a first pose: calls may be scheduled then.
+        """
         if self._ready:
             return
+        if self._follows:
+            if not self._followed:
+                self.listen(POSE_SLOW, lambda _pose: None)
+            self.wait_for(lambda: bool(self._schedule.now[0]), FIRST_POSE)
         self._ready = True
         self._announce()
         key = keyexpr.node_key(self.vehicle, self.name)
         self._declared.append(self._session.liveliness().declare_token(key))
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """Declare the node ready and yield Executor.ticks; a callable rate may change."""
+        """Declare the node ready and yield the time (s) at a rate (Hz) until stopped.
+
+        Services run in between. The time is monotonic, in a node that follows simulated time
+        simulated; a pose may advance it by several ticks. A callable rate may change.
+        """
+        if self._follows:
+            return self._simulated_ticks(hz if callable(hz) else lambda: hz)
         self.ready()
         return self.executor.ticks(hz)
+
+    def _simulated_ticks(self, rate: Callable[[], float]) -> Iterator[float]:
+        self._passed = passed = deque[Pose]()
+        self.ready()
+        counted, ticks, answered, answered_at = ("", 0.0), 0, -1, 0.0
+        while not self.stopping:
+            if not self.wait_for(lambda: bool(passed), _LONGEST_WAIT):
+                continue
+            pose, hz = passed.popleft(), rate()
+            now, due = period(pose.stamp, hz), SETPOINT.period(pose.stamp)
+            if (pose.boot, hz) != counted:
+                # Another count begins: with a tick.
+                counted, ticks = (pose.boot, hz), now - 1
+            if now > ticks:
+                for _ in range(now - ticks):
+                    yield pose.stamp
+                ticks = now
+            elif due != answered or time.monotonic() - answered_at > LOST_AFTER:
+                self._repeat_setpoint(pose)
+            answered, answered_at = due, time.monotonic()
+
+    def _repeat_setpoint(self, pose: Pose) -> None:
+        """Answer a pose without a tick: dynamics waits for it, and a slower loop holds its setpoint."""
+        if (setpoints := self._setpoints) is None or (last := setpoints.last) is None:
+            return
+        if last.boot == pose.boot:
+            setpoints.put(replace(last, for_seq=pose.seq))
 
     def poses(self) -> Iterator[Pose]:
         """Yield the first pose of each period of 50 ms until stopped; ready with the first of all.
 
         The time is that of the simulation: a node that loops over its poses keeps step at any
-        speed. Services run in between, and scheduled calls at their times. A pose that comes
-        again later, as its setpoint was lost, is yielded again.
+        speed. Services run in between, and scheduled calls at their times. In real time a loop that
+        is late gets the newest pose. A pose that comes again, as its setpoint was lost, is yielded again.
         """
-        waiting: deque[Pose] = deque()
+        waiting: deque[Pose] = deque(maxlen=None if self._lockstep else 1)
+        self._follows = False  # simulated time advances with the poses that are yielded
         self.listen(POSE_SLOW, waiting.append, _DEPTH)
         if not self.wait_for(lambda: bool(waiting), FIRST_POSE):
             # A vehicle that is not ours may publish no slow poses.
@@ -250,12 +311,13 @@ class Node:
         self.ready()
         last, answered_at = ("", -1), 0.0
         while not self.stopping:
+            self.executor.serve_waiting()
             if not self.wait_for(lambda: bool(waiting), _LONGEST_WAIT):
                 continue
             pose = waiting.popleft()
-            period = pose.boot, SETPOINT.period(pose.stamp)
-            if period != last or time.monotonic() - answered_at > LOST_AFTER:
-                last = period
+            now = pose.boot, SETPOINT.period(pose.stamp)
+            if now != last or time.monotonic() - answered_at > LOST_AFTER:
+                last = now
                 self.advance_sim_time(pose.boot, pose.stamp)
                 yield pose
                 answered_at = time.monotonic()
@@ -277,6 +339,18 @@ class Node:
     def stopping(self) -> bool:
         """Return whether the loop must end."""
         return self.executor.stopping
+
+    def _advancing(self, handler: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a handler of poses before which simulated time advances."""
+
+        def handle(pose: Pose) -> None:
+            if self._follows:
+                self.advance_sim_time(pose.boot, pose.stamp)
+            handler(pose)
+            if self._passed is not None:
+                self._passed.append(pose)
+
+        return handle
 
     def _answer_queries(
         self, key: str, answer: Callable[[zenoh.Query], None], *, inline: bool = False

@@ -82,7 +82,8 @@ class Schedule:
         if not self._boot:
             raise NotReady(
                 "this node has received no simulated time yet",
-                "is dynamics up? `quadctl status`; your own node takes its poses from `node.poses()`",
+                "is dynamics up? `quadctl status`; your own node ends with a loop over `node.poses()` or"
+                " `node.ticks()`, or with `node.spin()`",
             )
         call = call._replace(boot=call.boot or self._boot)
         if call.boot == self._boot and call.at <= self._stamp:

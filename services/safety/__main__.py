@@ -270,4 +270,4 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("safety", partial(run, traffic=Traffic(shared_lock())))
+    start("safety", partial(run, traffic=Traffic(shared_lock())), keeps_time=True)

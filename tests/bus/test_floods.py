@@ -113,9 +113,7 @@ def test_20_000_scheduled_calls_disturb_no_other_vehicle(
 @pytest.mark.prove
 @pytest.mark.alone  # it looks at the lateness of poses
 @pytest.mark.parametrize("door", ["gate", "here"])
-def test_a_far_call_to_each_service_disturbs_no_other_vehicle(
-    run: tuple[Flooded, bool], door: str
-):
+def test_a_far_call_to_each_service_disturbs_no_other_vehicle(run: tuple[Flooded, bool], door: str):
     flooded, stepped = run
     ended, late = flooded.flood(door, "far")
     check(late)

@@ -173,19 +173,52 @@ def test_a_missing_service_is_reported_before_the_flight(lab: Lab):
     assert done.code == 0  # pressure offers it
 
 
-def test_a_node_that_follows_no_simulated_time_is_named(lab: Lab):
-    example = (Path(__file__).parents[2] / "examples" / "my_safety.py").read_text(encoding="utf-8")
-    own = example.replace("in node.poses():", "in poses(node):").replace(
-        "def run(", "def poses(node):\n    waiting = []\n    node.listen(POSE, waiting.append)\n"
-        "    for _ in node.ticks(20):\n        yield from waiting[-1:]\n\n\ndef run(", 1
-    ).replace("import GOTO,", "import GOTO, POSE,")  # fmt: skip
-    (lab.folder / "mine.py").write_text(own, encoding="utf-8")
+EXAMPLE = (Path(__file__).parents[2] / "examples" / "my_safety.py").read_text(encoding="utf-8")
+LOOP = "    for seen in node.poses():\n"
+STYLES = {
+    "poses": EXAMPLE,
+    "sleeps": EXAMPLE.replace(LOOP, f"    import time\n{LOOP}        time.sleep(0.002)\n"),
+    "ticks": EXAMPLE.replace(
+        LOOP,
+        "    poses = node.listen(POSE)\n    for _ in node.ticks(20):\n"
+        "        seen = poses.value\n        assert seen is not None\n",
+    ),
+    "spin": EXAMPLE.replace(
+        LOOP,
+        "    def on_pose(seen: Pose) -> None:\n        nonlocal pose, state, goal, count, reason\n",
+    ).replace("\n\nstart(", "    node.listen(POSE_SLOW, on_pose)\n    node.spin()\n\n\nstart("),
+}
+"""The same safety node in each documented style."""
+
+
+def test_a_loop_that_sleeps_answers_its_calls(lab: Lab):
+    (lab.folder / "mine.py").write_text(
+        STYLES["sleeps"].replace("sleep(0.002)", "sleep(1 / 20)"), encoding="utf-8"
+    )
     lab.start(lab.file('[processes]\nsafety = "python mine.py"\n'), "--set", "dynamics.start.z=1")
-    lab.file('rows = [{ at = 1.0, do = "goto", x = 1, y = 0, z = 1 }]', "mission.toml")
-    done = lab.quadctl("fly", "mission.toml")
-    assert done.code == 5
-    assert "safety cannot fly a mission: this node has received no simulated time yet" in done.err
-    assert "node.poses()" in done.err
+    for x in (1, 9, 2):
+        assert lab.quadctl("goto", x, 0, 1).code == (5 if x == 9 else 0)
+
+
+def test_a_node_in_any_style_flies_the_same_mission(lab: Lab):
+    mission = lab.file(
+        """end = 5.0
+        set = { dynamics.start.z = 1 }
+        rows = [{ at = 1.0, do = "goto", x = 1.5, y = 0.0, z = 1.0 },
+                { at = 1.5, do = "goto", x = 9.0, y = 0.0, z = 1.0 }]""",
+        "mission.toml",
+    )
+    lab.file('[processes]\nsafety = "python mine.py"\n')
+    flown = {}
+    for style, source in STYLES.items():
+        imports = "import GOTO, POSE, POSE_SLOW,"
+        (lab.folder / "mine.py").write_text(
+            source.replace("import GOTO,", imports), encoding="utf-8"
+        )
+        done = lab.quadctl("fly", mission, "--json")
+        assert done.code == 0, (style, done.err)
+        flown[style] = same(done.json)["poses"]
+    assert len(set(flown.values())) == 1, flown
 
 
 PARAMS = """

@@ -33,7 +33,8 @@ class Publisher(Generic[M]):
         waits: bool = False,
         defer: Callable[[Callable[[], None]], None] | None = None,
     ) -> None:
-        self._key, self._encoding = key, codec.encoding(topic.type)
+        self._key, self._type = key, topic.type
+        self._encoding = codec.encoding(topic.type)
         control = zenoh.CongestionControl
         self._publisher = session.declare_publisher(
             key,
@@ -43,6 +44,11 @@ class Publisher(Generic[M]):
         self._defer = defer
         self._matches = zenoh_events.MatchingListener(self._publisher)
         self._last = b""
+
+    @property
+    def last(self) -> M | None:
+        """Return the last message, None before the first."""
+        return codec.decode_fields(self._type, self._last) if self._last else None
 
     @property
     def has_subscribers(self) -> bool:

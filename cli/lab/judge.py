@@ -9,7 +9,7 @@ from pathlib import Path, PurePath
 from random import Random
 from secrets import token_hex
 from textwrap import dedent
-from typing import Any
+from typing import Any, ClassVar
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -19,8 +19,9 @@ from quadctl.cli.lab.verdict import FlownMission, Outcome, RowVerdict, judge, ra
 from quadctl.cli.mission.fly import MissionFlight
 from quadctl.cli.mission.mission import CageStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run
-from quadctl.schemas.messages import Pose, Pressure, SafetyState
+from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
 from quadctl.schemas.params import Params
+from quadctl.schemas.topics import POSE, PRESSURE, SETPOINT, STATE, Topic
 from quadctl.services.campaign.mission import FAR, CageEvent, Conditions, GotoEvent
 from quadctl.services.campaign.mission import mission as random_mission
 from quadctl.services.runtime import run_files
@@ -79,14 +80,17 @@ _COPY = re.compile(r"(?:|/.*/quadctl-lab-[^/]+/root/\d+)/handin/(.+)")
 class Witness:
     """Every message of one boot up to a time (s)."""
 
+    topics: ClassVar[tuple[Topic[Any], ...]] = (POSE, STATE, PRESSURE, SETPOINT)
+
     def __init__(self, boot: str, end: float) -> None:
         self.stamp = -1.0
         self.poses: list[Pose] = []
         self.states: list[SafetyState] = []
         self.readings: list[Pressure] = []
+        self.setpoints: list[Setpoint] = []
         self._boot, self._end = boot, end
 
-    def add(self, message: Pose | SafetyState | Pressure) -> None:
+    def add(self, message: Pose | SafetyState | Pressure | Setpoint) -> None:
         """Take a message; raise QuadctlError for a pose that is missing or not from dynamics."""
         if isinstance(message, Pose):
             if message.boot == self._boot:
@@ -94,6 +98,9 @@ class Witness:
         elif isinstance(message, SafetyState):
             if message.boot == self._boot:
                 self.states.append(message)
+        elif isinstance(message, Setpoint):
+            if message.boot == self._boot:
+                self.setpoints.append(message)
         elif message.stamp <= self._end:
             # A reading has no boot: those of its time or later belong to the one before.
             while self.readings and self.readings[-1].stamp >= message.stamp:
@@ -395,4 +402,6 @@ def _flown(client: Client, params: Params, made: MissionFile, node: str) -> Flow
     flight.fly(lambda _at: None)
     record = flight.record
     outcomes = [Outcome(step, call.reply, call.problem) for step, call in flight.rows]
-    return FlownMission(params, outcomes, record.poses, record.states, record.readings)
+    return FlownMission(
+        params, outcomes, record.poses, record.states, record.readings, record.setpoints
+    )

@@ -28,14 +28,15 @@ from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
 Expectation = Literal[
-    "refused", "arrives", "stays_inside", "stops", "answers", "zeroed", "parameter_obeyed",
-    "state_seen", "random_flights",
+    "refused", "arrives", "transitions", "answers_in_flight", "stays_inside", "stops", "answers",
+    "zeroed", "parameter_obeyed", "state_seen", "random_flights",
 ]  # fmt: skip
 _FLIES = {"random_flights"}
 """Expectations that fly missions of their own."""
 _KEYS: dict[str, set[str]] = {
     "refused": {"within"},
     "arrives": {"within"},
+    "answers_in_flight": {"within"},
     "stays_inside": {"within"},
     "answers": {"service", "within"},
     "zeroed": {"within"},
@@ -159,9 +160,11 @@ def _mission(row: RubricRow, place: str) -> MissionFile:
         )
     if row.service and not any(step.call()[0].name == row.service for step in made.rows):
         raise Invalid(f"{place}: no row of its mission calls {row.service}", "add one to `rows`")
-    goes = any(isinstance(step, GotoStep) for step in made.rows)
-    if row.expect in {"refused", "arrives", "parameter_obeyed"} and not goes:
+    goes = sum(isinstance(step, GotoStep) for step in made.rows)
+    if row.expect in {"refused", "arrives", "transitions", "parameter_obeyed"} and not goes:
         raise Invalid(f"{place}: {row.expect} needs a goto among its `rows`")
+    if row.expect == "answers_in_flight" and goes < 2:
+        raise Invalid(f"{place}: {row.expect} needs two goals in its `rows`")
     if row.expect == "stops" and not _shuts_in_flight(made.rows):
         raise Invalid(f"{place}: stops needs a goto and then a cage with on = true in its `rows`")
     if row.expect == "zeroed" and not any(isinstance(step, Calibrate) for step in made.rows):

@@ -6,14 +6,14 @@ where its report is the question.
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
-from math import dist
+from math import dist, inf
 from typing import Any, NamedTuple
 
 from msgspec.structs import astuple
 
 from quadctl.cli.lab.rubric import RubricRow
 from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep, ParamStep, Row
-from quadctl.schemas.messages import Pose, Pressure, SafetyState
+from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import (
     CalibrateResponse,
@@ -31,14 +31,20 @@ STILL = 0.3
 """Metres that a vehicle may drift that refuses a goal."""
 _AT_REST = 0.05
 """Speed (m/s) below which a vehicle is at rest."""
-_AWAKE = 1.0
-"""Seconds at rest, and without a new goal, after which a node has no reason to be busy."""
+_SOON = 0.3
+"""Simulated seconds within which a node must show a change of its state, or take it back."""
+_BEFORE = 1.2 / SETPOINT.hz
+"""Seconds by which a state's stamp may be earlier than what it shows: that of the pose before."""
+_BUSY = 1.5
+"""Seconds after an arrival, or at rest after a stop, in which a node may still be busy."""
+_SAME = 1e-3
+"""Metres between two equal places."""
 _AIR = 1.0
 """hPa by which a barometer, and so a baseline, may differ from the standard atmosphere."""
 _ZERO = 0.01
-"""hPa by which a zeroed reading may differ from 0, beside the height flown since."""
-_GRADIENT = 0.12
-"""Change of the pressure with height, hPa/m, rounded up."""
+"""hPa by which a zeroed reading may differ from the change of the air's pressure since."""
+_MODEL = 0.1
+"""Share by which the change of a barometer's model with the height may differ from ours."""
 _GENTLE = 0.05
 """Share of its acceleration with which a vehicle brakes at least that must stop."""
 _TIME_TO_ARRIVE = 10.0
@@ -57,6 +63,12 @@ class Outcome(NamedTuple):
         """Return whether a goal was accepted."""
         return isinstance(self.reply, GotoResponse) and self.reply.accepted
 
+    @property
+    def reason(self) -> str:
+        """Return why a goal was refused, by a reply or by an error reply."""
+        reason: str = self.problem.message if self.problem is not None else self.reply.reason
+        return reason.strip()
+
 
 class FlownMission(NamedTuple):
     """Flight in one boot: parameters of the launch, answers, and every message, in order."""
@@ -66,6 +78,7 @@ class FlownMission(NamedTuple):
     poses: Sequence[Pose]
     states: Sequence[SafetyState]
     readings: Sequence[Pressure]
+    setpoints: Sequence[Setpoint] = ()
 
 
 class RowVerdict(NamedTuple):
@@ -94,10 +107,10 @@ def _refused(row: RubricRow, flown: FlownMission) -> RowVerdict:
             return RowVerdict(
                 False, f"{each.step}: still {away:.2f} m away when the next goal came"
             )
-    if outcome.accepted:
-        return RowVerdict(False, f"{outcome.step}: was accepted")
-    before, after = _at(flown.poses, outcome.step.at), flown.poses[-1]
-    moved = _distance(before, _place(after))
+    fault = "was accepted" if outcome.accepted else _wrong_refusal(flown, outcome)
+    if fault:
+        return RowVerdict(False, f"{outcome.step}: {fault}")
+    moved = _distance(_at(flown.poses, outcome.step.at), _place(flown.poses[-1]))
     if moved > (row.within or STILL):
         return RowVerdict(
             False, f"{outcome.step}: was refused, but the vehicle moved {moved:.2f} m"
@@ -105,13 +118,66 @@ def _refused(row: RubricRow, flown: FlownMission) -> RowVerdict:
     return RowVerdict(True, f"{outcome.step}: {_refusal(outcome)}")
 
 
+def _shown(flown: FlownMission, at: float) -> tuple[str, list[SafetyState]]:
+    """Return the state when a request came, at a time (s), and the states shown since.
+
+    The first of these is VERIFYING if the request was verified.
+    """
+    states = flown.states
+    first = _first(states, at - _BEFORE)
+    for n in range(first, _first(states, at + _SOON)):
+        if states[n].state == "VERIFYING":
+            return states[n - 1].state if n else "nothing", [*states[n:]]
+    first = _first(states, at)
+    return states[first - 1].state if first else "nothing", [*states[first:]]
+
+
+def _unverified(flown: FlownMission, outcome: Outcome) -> str:
+    """Return what the verification of a goal lacks; empty if it lacks nothing."""
+    before, since = _shown(flown, outcome.step.at)
+    if before != "HOVERING":
+        return f"safety/state showed {before} when it came, not HOVERING"
+    if not since or since[0].state != "VERIFYING":
+        return "safety/state showed no VERIFYING for it"
+    return ""
+
+
+def _wrong_refusal(flown: FlownMission, outcome: Outcome) -> str:
+    """Return what is wrong with a refusal by the verification; empty if nothing is."""
+    if fault := _unverified(flown, outcome):
+        return f"{_refusal(outcome)}, but {fault}"
+    if fault := _flown_all_the_same(flown, outcome):
+        return fault
+    at = outcome.step.at
+    next_goal = min((each.step.at for each in _gotos(flown) if each.step.at > at), default=inf)
+    for state in flown.states[_first(flown.states, at + _SOON) :]:
+        if state.stamp < next_goal - _BEFORE and state.state != "HOVERING":
+            return f"was refused, but safety/state showed {state.state} at {state.stamp:.2f} s"
+    return ""
+
+
+def _flown_all_the_same(flown: FlownMission, outcome: Outcome) -> str:
+    """Return that a refused goal was published as a setpoint; empty if it was not."""
+    goal = _goal(outcome.step)
+    for setpoint in flown.setpoints:
+        if dist(astuple(setpoint.position), goal) < _SAME and not any(
+            each.accepted and dist(_goal(each.step), goal) < _SAME for each in _gotos(flown)
+        ):
+            return f"was refused, but input/position had it, for pose {setpoint.for_seq}"
+    return ""
+
+
 def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
     outcome = _gotos(flown)[-1]
     if not outcome.accepted:
         return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
-    early = _hovers_early(flown, outcome.step)
-    if early:
-        return RowVerdict(False, f"{outcome.step}: {early}")
+    if fault := _wrong_flight(flown, outcome):
+        return RowVerdict(False, f"{outcome.step}: {fault}")
+    return _there(row, flown, outcome)
+
+
+def _there(row: RubricRow, flown: FlownMission, outcome: Outcome) -> RowVerdict:
+    """Return the verdict on the end of the flight to a goal."""
     reach = row.within or flown.params.safety.acceptance_range
     away = _distance(flown.poses[-1], _goal(outcome.step))
     if away > reach:
@@ -125,22 +191,57 @@ def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
     return RowVerdict(True, f"{outcome.step}: arrived, {away:.2f} m away")
 
 
-def _hovers_early(flown: FlownMission, step: Any) -> str:
-    """Return the report of an arrival too far from the goal of a step; empty if there is none."""
-    reach, moving = flown.params.safety.acceptance_range, False
-    for state in flown.states:
-        # Up to the step it is the flight before.
-        if state.stamp <= step.at:
-            continue
-        if moving and state.state == "HOVERING":
-            pose = _at(flown.poses, state.stamp)
-            away = _distance(pose, _goal(step))
+def _wrong_flight(flown: FlownMission, outcome: Outcome) -> str:
+    """Return what is wrong with the states of a flight to the last goal; empty if nothing is.
+
+    They are MOVING until the vehicle is within the acceptance range, and HOVERING then.
+    """
+    reach, goal, at = flown.params.safety.acceptance_range, _goal(outcome.step), outcome.step.at
+    poses = flown.poses[_first(flown.poses, at) :]
+    inside = next((pose.stamp for pose in poses if _distance(pose, goal) < reach), inf)
+    _, since = _shown(flown, at)
+    moving = hovering = -1.0
+    for state in since:
+        if state.state == "MOVING":
+            if hovering >= 0:
+                return f"safety/state showed MOVING at {state.stamp:.2f} s, after HOVERING"
+            moving = max(moving, state.stamp)
+        elif state.state == "HOVERING" and hovering < 0:
+            hovering = state.stamp
+            pose = _at(flown.poses, hovering)
+            away = _distance(pose, goal)
             # The stamp may be that of the setpoint before.
             if away > reach + _speed(pose) / SETPOINT.hz:
                 return f"HOVERING {away:.2f} m from it; the acceptance range is {reach:g} m"
-            return ""
-        moving = state.state == "MOVING"
+        elif state.state == "VERIFYING" and state.stamp > at + _SOON:
+            return f"safety/state showed VERIFYING at {state.stamp:.2f} s"
+    if moving < 0:
+        return "safety/state showed no MOVING"
+    if hovering > inside + _SOON:
+        return f"HOVERING {hovering - inside:.1f} s after it was {reach:g} m away"
     return ""
+
+
+def _transitions(_row: RubricRow, flown: FlownMission) -> RowVerdict:
+    outcome = _gotos(flown)[-1]
+    if not outcome.accepted:
+        return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
+    before, since = _shown(flown, outcome.step.at)
+    shown = [before]
+    for state in since:
+        if state.state != shown[-1]:
+            shown.append(state.state)
+    why = f"{outcome.step}: safety/state showed {', '.join(shown)}"
+    return RowVerdict(shown == ["HOVERING", "VERIFYING", "MOVING", "HOVERING"], why)
+
+
+def _answers_in_flight(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    *_, first, second = _gotos(flown)
+    if not first.accepted:
+        return RowVerdict(False, f"{first.step}: {_refusal(first)}")
+    if not second.accepted and not second.reason:
+        return RowVerdict(False, f"{second.step}: refused without a reason")
+    return _there(row, flown, second if second.accepted else first)
 
 
 def _stops(row: RubricRow, flown: FlownMission) -> RowVerdict:
@@ -159,6 +260,8 @@ def _stops(row: RubricRow, flown: FlownMission) -> RowVerdict:
     if _gotos(flown)[-1] is not flight:
         return _arrives(row, flown)
     last = flown.poses[-1]
+    if flown.states and (shows := flown.states[-1].state) != "HOVERING":
+        return RowVerdict(False, f"{step}: stopped, but safety/state shows {shows}")
     if _speed(last) > _AT_REST:
         return RowVerdict(
             False, f"{step}: the vehicle still moves {last.stamp - step.at:.1f} s later"
@@ -218,10 +321,10 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
         begun = _at(flown.poses, step.at).position.z
         for reading in after:
             height, shown = _at(flown.poses, reading.stamp).position.z, reading.pressure
-            expected = pressure_at(height) if step.unset else 0.0
-            allowed = (
-                _AIR if step.unset else (row.within or _ZERO) + _GRADIENT * abs(height - begun)
-            )
+            air = pressure_at(height)
+            expected = air if step.unset else air - pressure_at(begun)
+            # The models of the air differ a little; the vehicle sways while the mean is taken.
+            allowed = _AIR if step.unset else (row.within or _ZERO) + _MODEL * abs(expected)
             if abs(shown - expected) > allowed:
                 return RowVerdict(
                     False,
@@ -240,6 +343,8 @@ def _parameter_obeyed(_row: RubricRow, flown: FlownMission) -> RowVerdict:
         if outcome.accepted is not permitted:
             verdict = "accepted" if outcome.accepted else "refused"
             return RowVerdict(False, f"{outcome.step}: was {verdict} with {cage.text(number)}")
+        if not permitted and (fault := _wrong_refusal(flown, outcome)):
+            return RowVerdict(False, f"{outcome.step}: {fault}")
     return RowVerdict(True, f"each verdict is that of {cage.text(-1)}")
 
 
@@ -255,34 +360,44 @@ def _state_seen(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 def random_flight(flown: FlownMission) -> RowVerdict:
     """Return the campaign's verdict: never beyond the cage, and each goal rightly answered."""
-    cage, accepted_at = _Commanded(flown), -_AWAKE
-    target: Outcome | None = None
+    cage, asked = _Commanded(flown), -inf
+    place: Point | None = (0.0, 0.0, flown.params.safety.takeoff)
+    since = 0.0
     for number, outcome in enumerate(flown.outcomes):
         step = outcome.step
-        if outcome.problem is not None:
-            return RowVerdict(False, f"{step} at {step.at:.2f} s: {outcome.problem.message}")
-        if isinstance(step, CageStep):
-            target = None
+        name = f"{step} at {step.at:.2f} s"
+        if outcome.problem is not None and not isinstance(outcome.problem, Refused):
+            return RowVerdict(False, f"{name}: {outcome.problem.message}")
+        shut = isinstance(step, CageStep) and step.on and place is not None
+        if shut and not cage.permits(number, GotoStep(step.at, *place)):
+            place, since = None, step.at
         if not isinstance(step, GotoStep):
             continue
-        name = f"{step} at {step.at:.2f} s"
-        if outcome.accepted and not cage.permits(number, step):
-            return RowVerdict(False, f"{name}: was accepted with {cage.text(number)}")
-        idle = step.at - max(accepted_at, _moved(flown.poses, step.at))
-        if not outcome.accepted and cage.permits(number, step) and idle > _AWAKE:
-            return RowVerdict(
-                False,
-                f"{name}: was refused {idle:.1f} s after the last flight: {outcome.reply.reason}",
-            )
+        permitted = cage.permits(number, step)
         if outcome.accepted:
-            accepted_at, target = step.at, outcome
+            if not permitted:
+                return RowVerdict(False, f"{name}: was accepted with {cage.text(number)}")
+            place, since = _goal(step), step.at
+        else:
+            idle = step.at - _rests(flown, place, since)
+            # One that verifies in its loop is busy for a moment with the goal before.
+            if permitted and idle > _BUSY and step.at > asked + _SOON:
+                return RowVerdict(
+                    False,
+                    f"{name}: was {_refusal(outcome)}; it was at rest, or had to be, for {idle:.1f} s",
+                )
+            if fault := _flown_all_the_same(flown, outcome):
+                return RowVerdict(False, f"{name}: {fault}")
+        asked = step.at
     worst, at = excursion(flown)
     if worst > flown.params.safety.margin:
         return RowVerdict(False, f"the vehicle was {worst:.2f} m beyond the cage at {at:.2f} s")
-    if target is not None and flown.poses[-1].stamp - accepted_at > _TIME_TO_ARRIVE:
-        away = _distance(flown.poses[-1], _goal(target.step))
+    last = flown.poses[-1]
+    if place is not None and last.stamp > since + _TIME_TO_ARRIVE:
+        away = _distance(last, place)
         if away > flown.params.safety.acceptance_range:
-            return RowVerdict(False, f"{target.step} at {accepted_at:.2f} s: never arrived")
+            goal = " ".join(f"{x:g}" for x in place)
+            return RowVerdict(False, f"goto {goal} at {since:.2f} s: never arrived")
     return RowVerdict(True, "inside, and each goal rightly answered")
 
 
@@ -364,6 +479,8 @@ def _permits(flown: FlownMission, outcome: Outcome) -> bool:
 _JUDGES = {
     "refused": _refused,
     "arrives": _arrives,
+    "transitions": _transitions,
+    "answers_in_flight": _answers_in_flight,
     "stays_inside": _stays_inside,
     "stops": _stops,
     "answers": _answers,
@@ -378,7 +495,7 @@ def _gotos(flown: FlownMission, end: int | None = None) -> list[Outcome]:
 
 
 def _refusal(outcome: Outcome) -> str:
-    return f"refused, {outcome.reply.reason or 'without a reason'}"
+    return f"refused, {outcome.reason or 'without a reason'}"
 
 
 def _goal(step: Any) -> Point:
@@ -398,18 +515,27 @@ def _distance(pose: Pose, place: Iterable[float]) -> float:
     return dist(_place(pose), tuple(place))
 
 
-def _stamp(pose: Pose) -> float:
-    return pose.stamp
+def _stamp(message: Pose | SafetyState) -> float:
+    return message.stamp
+
+
+def _first(messages: Sequence[Pose] | Sequence[SafetyState], at: float) -> int:
+    """Return the number of the first message of a time (s) or later."""
+    return bisect_left(messages, at - 1e-9, key=_stamp)
 
 
 def _at(poses: Sequence[Pose], at: float) -> Pose:
     """Return the pose at a time (s), or the next."""
-    return poses[min(bisect_left(poses, at - 1e-9, key=_stamp), len(poses) - 1)]
+    return poses[min(_first(poses, at), len(poses) - 1)]
 
 
-def _moved(poses: Sequence[Pose], at: float) -> float:
-    """Return when (s) the vehicle last moved before a time."""
-    for pose in reversed(poses[: bisect_left(poses, at - 1e-9, key=_stamp)]):
-        if _speed(pose) > _AT_REST:
+def _rests(flown: FlownMission, place: Point | None, since: float) -> float:
+    """Return when (s) the vehicle was there after it had set out, or had stopped if there is no place.
+
+    It counts as there after _TIME_TO_ARRIVE: a vehicle that never rests is not busy for ever.
+    """
+    reach = flown.params.safety.acceptance_range
+    for pose in flown.poses[_first(flown.poses, since) :]:
+        if _speed(pose) < _AT_REST if place is None else _distance(pose, place) < reach:
             return pose.stamp
-    return -_AWAKE
+    return since + _TIME_TO_ARRIVE

@@ -7,12 +7,12 @@ it, and the wording of reasons.
 import hashlib
 import struct
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import msgspec
 
 from quadctl.schemas.messages import Pose, Pressure, SafetyState, without_wording
-from quadctl.schemas.topics import period
+from quadctl.schemas.topics import POSE, PRESSURE, STATE, Topic, period
 from quadctl.services.runtime.errors import QuadctlError
 
 _POSE = struct.Struct("<Q14d")
@@ -24,9 +24,11 @@ _BUSY = "other programs keep this machine too busy; close some and fly again"
 class FlightRecord(Protocol):
     """Record of one boot; `stamp` (s) is the time of its latest pose, -1 before the first."""
 
+    topics: ClassVar[tuple[Topic[Any], ...]]
+    """Topics of which it takes the messages."""
     stamp: float
 
-    def add(self, message: Pose | SafetyState | Pressure) -> None:
+    def add(self, message: Any) -> None:
         """Take a message of the flight; raise QuadctlError for one that makes the record worthless."""
 
     def check(
@@ -37,6 +39,8 @@ class FlightRecord(Protocol):
 
 class Record:
     """Every pose, every transition of safety and every reading of one boot, up to a time."""
+
+    topics: ClassVar[tuple[Topic[Any], ...]] = (POSE, STATE, PRESSURE)
 
     def __init__(self, boot: str, end: float) -> None:
         """Record the named boot until `end` (s)."""

@@ -30,12 +30,9 @@ from quadctl.schemas.services import (
 )
 from quadctl.schemas.topics import (
     CALIBRATE,
-    POSE,
-    PRESSURE,
     RESET,
     STATE,
     TOGGLE_CAGE,
-    Topic,
     get_params,
     set_params,
 )
@@ -94,8 +91,7 @@ class MissionFlight(Generic[R]):
         self._patience = _PATIENCE + _SLOWER * mission.end / speed
         self.record = record(self._boot, mission.end)
         self._awaited, self._ended = len(nodes), threading.Event()
-        topics: tuple[Topic[Any], ...] = (POSE, STATE, PRESSURE)
-        self._readings = client.subscribe(*topics, backlog=_BACKLOG)
+        self._readings = client.subscribe(*self.record.topics, backlog=_BACKLOG)
         self.rows: list[tuple[Row, FutureCall[Any, Any]]] = []
         self._ends: list[FutureCall[Any, Any]] = []
 

@@ -30,6 +30,8 @@ R = TypeVar("R", bound=Struct)
 _DEPTH = 1000
 """Messages that may wait for a handler: a hundredth of a second of a flood."""
 _POSES = (POSE, POSE_SLOW)
+_ALL = 100_000
+"""Poses that may wait for a node that follows simulated time: no clock waits for it."""
 LOST_AFTER = 1.5 / SETPOINT.hz
 """Seconds after an answer to a pose: a pose repeated later means that the answer was lost. A vehicle
 with a frozen pose repeats it, too, in each period."""
@@ -134,7 +136,7 @@ class Node:
         """
         advances = handler is not None and self._follows and topic in _POSES
         if handler is not None and advances:
-            handler = self._advancing(handler)
+            handler, depth = self._advancing(handler), _ALL
 
         def awaited() -> bool:
             return self.executor.waits > 0 or self._schedule.holding
@@ -275,7 +277,7 @@ class Node:
         while not self.stopping:
             if not self.wait_for(lambda: bool(passed), _LONGEST_WAIT):
                 continue
-            pose, hz = passed.popleft(), rate()
+            pose, hz = _oldest(passed), rate()
             now, due = period(pose.stamp, hz), SETPOINT.period(pose.stamp)
             if (pose.boot, hz) != counted:
                 # Another count begins: with a tick.
@@ -314,7 +316,7 @@ class Node:
             self.executor.serve_waiting()
             if not self.wait_for(lambda: bool(waiting), _LONGEST_WAIT):
                 continue
-            pose = waiting.popleft()
+            pose = _oldest(waiting)
             now = pose.boot, SETPOINT.period(pose.stamp)
             if now != last or time.monotonic() - answered_at > LOST_AFTER:
                 last = now
@@ -379,6 +381,14 @@ _STUCK = 1.0
 _BUSY = codec.encode_error(
     Refused(f"{MOST} calls of this service already wait", "call again when they are answered")
 )
+
+
+def _oldest(waiting: deque[Pose]) -> Pose:
+    """Take the oldest pose out, and with it those of boots that have ended."""
+    pose, newest = waiting.popleft(), waiting[-1].boot if waiting else ""
+    while newest not in {"", pose.boot}:
+        pose = waiting.popleft()
+    return pose
 
 
 class _QueryQueue:

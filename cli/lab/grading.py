@@ -69,6 +69,8 @@ def grade(
                 nodes = nodes_in(folder)
                 job = GradingJob(str(folder), str(root), nodes, tables, limits, machine)
                 results = _flown(job, made)
+            if any(each.output == NOT_FLOWN for each in results):
+                why = f"it took more than {limits.wall:g} s here; grade it again, with a larger --wall"
         except QuadctlError as problem:
             why = problem.message
             results = _all(made, [], why)
@@ -104,7 +106,7 @@ def _flown(job: GradingJob, made: Rubric) -> list[RowResult]:
         process.stdin.write(msgspec.json.encode(job) + b"\n")
         process.stdin.flush()
         try:
-            results = list(_results(process.stdout, job.limits.seconds + _END))
+            results = list(_results(process.stdout, job.limits.wall + _END))
             with suppress(subprocess.TimeoutExpired):
                 process.wait(_LAST)
             code = process.returncode
@@ -187,7 +189,7 @@ def main() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the grader ends us
     made = rubric(job.tables, "the rubric")
-    until = time.monotonic() + job.limits.seconds
+    until = time.monotonic() + job.limits.wall
     with job.machine.without_orphans():
         for result in fly(folder, job.nodes, made, until=until, wrap=wrap):
             sys.stdout.buffer.write(msgspec.json.encode(result) + b"\n")

@@ -14,8 +14,9 @@ from typing import Any, ClassVar
 from msgspec import Struct
 from msgspec.structs import replace
 
+from quadctl.cli.lab.flown import FlownMission, Outcome
 from quadctl.cli.lab.rubric import Rubric, RubricRow
-from quadctl.cli.lab.verdict import FlownMission, Outcome, RowVerdict, judge, random_flight
+from quadctl.cli.lab.verdict import RowVerdict, judge, random_flight
 from quadctl.cli.mission.fly import MissionFlight
 from quadctl.cli.mission.mission import CageStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run
@@ -72,9 +73,13 @@ class RowResult(Struct, frozen=True):
         return cls(row.name, row.number, False, 0.0, row.points, why, row.visible)
 
 
-NOT_FLOWN = "not flown: the time for this hand-in is over (--seconds)"
+NOT_FLOWN = "not flown: the time for this hand-in is over (--wall)"
 _COPY = re.compile(r"(?:|/.*/quadctl-lab-[^/]+/root/\d+)/handin/(.+)")
 """File of a hand-in as its own nodes see it: in namespaces, or in the grader's temporary folder."""
+
+
+_SLACK = 1e-6
+"""Seconds of rounding of a time."""
 
 
 class Witness:
@@ -88,7 +93,7 @@ class Witness:
         self.states: list[SafetyState] = []
         self.readings: list[Pressure] = []
         self.setpoints: list[Setpoint] = []
-        self._boot, self._end = boot, end
+        self._boot, self._end, self._count = boot, end + _SLACK, 0
 
     def add(self, message: Pose | SafetyState | Pressure | Setpoint) -> None:
         """Take a message; raise QuadctlError for a pose that is missing or not from dynamics."""
@@ -96,7 +101,7 @@ class Witness:
             if message.boot == self._boot:
                 self._add(message)
         elif isinstance(message, SafetyState):
-            if message.boot == self._boot:
+            if message.boot == self._boot and message.stamp <= self._end:
                 self.states.append(message)
         elif isinstance(message, Setpoint):
             if message.boot == self._boot:
@@ -109,21 +114,23 @@ class Witness:
 
     def check(self, _values: Mapping[str, Any], _changes: Iterable[Any]) -> None:
         """Raise QuadctlError if the flight has not reached its end."""
-        if self.stamp < self._end:
+        if self.stamp < self._end - 2 * _SLACK:
             raise QuadctlError(f"the flight ended at {self.stamp:g} s of {self._end:g} s")
 
     def _add(self, pose: Pose) -> None:
-        count = len(self.poses)
+        count = self._count
         # In lock-step an unanswered pose is published again; each comes once from dynamics.
-        if pose.seq < count and pose == self.poses[pose.seq]:
+        if pose.seq < count and (pose.seq >= len(self.poses) or pose == self.poses[pose.seq]):
             return
         if pose.seq != count:
             raise QuadctlError(
                 f"pose {pose.seq} came {'twice, and differs' if pose.seq < count else 'too early'}:"
                 " dynamics alone may publish poses"
             )
-        self.poses.append(pose)
-        self.stamp = pose.stamp
+        self.stamp, self._count = pose.stamp, count + 1
+        # The vehicle flies on until the last node has reached the end: how far is chance.
+        if pose.stamp <= self._end:
+            self.poses.append(pose)
 
 
 def nodes_in(folder: Path) -> dict[str, list[str]]:
@@ -186,20 +193,24 @@ def fly(
 def _fly_run(
     launch: Launch, rows: list[tuple[RubricRow, MissionFile]], name: str, until: float
 ) -> Iterator[RowResult]:
-    done = 0
+    done, blocked = 0, ""
     try:
         with (
             temporary_run(launch) as realm,
             Client(launch.realm, DEFAULT, timeout=_TIMEOUT) as client,
         ):
-            node = _StudentNode(realm, name, Path(launch.folder))
+            node, now = _StudentNode(realm, name, Path(launch.folder)), ""
             for row, made in rows:
                 if time.monotonic() > until:
                     yield RowResult.without_flight(row, NOT_FLOWN)
-                elif why := node.renew():
+                elif why := blocked or node.renew():
                     yield RowResult.without_flight(row, why)
                 else:
                     yield _fly_row(client, node, launch.params, row, made)
+                    # A handler that blocks in one row and again in the next is waited for no more.
+                    before, now = now, node.blocked()
+                    if now and now == before:
+                        blocked = f"not flown: {now}"
                 done += 1
     except QuadctlError as problem:
         # The node did not start, or the run has gone: its rows give 0, the others are flown.
@@ -236,6 +247,8 @@ def _fly_row(
     return RowResult.of(row, verdict)
 
 
+_HAS_BLOCKED = " has not returned for "
+"""Part of the line that a node of a student logs of a handler or loop that blocks."""
 _FRAME = re.compile(r'\s+File "(.+)", line (\d+)')
 _ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
 
@@ -276,11 +289,11 @@ class _StudentNode:
         self._begin = 0
 
     def renew(self) -> str:
-        """Begin a row; after a crash, start the node anew first.
+        """Begin a row; after a crash, or if it is blocked, start the node anew first.
 
         Returns the crash if the node is left down: every row that is left has that verdict.
         """
-        if crash := self.crash():
+        if crash := self.crash() or self.blocked():
             # One that ends again and again is ready for moments: wait until it is left down.
             looping = self._record().restarts > self._before.restarts + 1
             if not self._stays_up(QUICK / 2 if looping else 0.0):
@@ -299,8 +312,15 @@ class _StudentNode:
         now = self._record()
         if now.state == "ready" and now.pid == self._before.pid:
             return ""
+        if blocked := self.blocked():
+            return "\n".join((blocked, *self._last_lines()))
         cause = self._error() or self._how_it_ended()
         return "\n".join((f"{self._name} crashed: {cause}", *self._last_lines()))
+
+    def blocked(self) -> str:
+        """Return which handler or loop has not returned since the row began, empty if all have."""
+        lines = [line for line in self._lines() if _HAS_BLOCKED in line]
+        return f"{self._name} is blocked: {lines[-1]}" if lines else ""
 
     def explained(self, problem: QuadctlError) -> str:
         """Return what ended a row's flight: the node's crash, its error in a handler, or neither."""
@@ -314,7 +334,8 @@ class _StudentNode:
         if crash:
             return crash
         error = self._error()
-        first = [f"{self._name} failed: {error}"] if error else []
+        first = [self.blocked() or (f"{self._name} failed: {error}" if error else "")]
+        first = [line for line in first if line]
         return "\n".join((*first, problem.message, *self._last_lines()))
 
     def _record(self) -> ProcessRecord:

@@ -18,8 +18,6 @@ from quadctl.services.runtime.params.names import nearest
 _HERE = Path(__file__).parent
 _VISIBLE, _HIDDEN = _HERE / "rubric.toml", _HERE / "hidden.toml"
 _TEMPLATE = _HERE / "template"
-_CHECK_SECONDS = 300.0
-"""Seconds of a check; its nodes are the student's own, and nobody waits in a queue."""
 _NEEDS = "`quadctl lab new DIR` writes one"
 _HAND_INS = "give folders or zip files, e.g. `quadctl lab grade handins/*`"
 
@@ -65,6 +63,7 @@ def check(
     require_local(options, "lab check")
     from quadctl.cli.lab import formats
     from quadctl.cli.lab.judge import RowResult, fly, nodes_in
+    from quadctl.cli.lab.machine import Limits
     from quadctl.cli.lab.rubric import rubric
 
     own = folder / "rubric.toml"
@@ -82,7 +81,7 @@ def check(
     recording.unlink(missing_ok=True)
     _compile_vehicle()
     began, results = time.monotonic(), list[RowResult]()
-    until = began + _CHECK_SECONDS
+    until = began + Limits().wall
     for result in fly(
         folder.absolute(), nodes, rows, until=until, record=str(recording.absolute())
     ):
@@ -121,7 +120,10 @@ def grade(
     jobs: Annotated[
         int | None, Option("Hand-ins at a time (default: one for each processor).", min=1)
     ] = None,
-    seconds: Annotated[float, Option("Limit for one hand-in, s.")] = 60.0,
+    seconds: Annotated[float, Option("Limit for one node, s of a processor.")] = 60.0,
+    wall: Annotated[
+        float, Option("Last limit for one hand-in, s; beyond it, it is not graded.")
+    ] = 1800.0,
     memory: Annotated[int, Option("Limit for one node, MB.", min=64)] = 1024,
     trust: Annotated[
         bool, Option("Grade also where this machine cannot shut hand-ins in completely.")
@@ -171,7 +173,7 @@ def grade(
     grades = grading.grade(
         paths,
         tables,
-        machine.Limits(seconds=seconds, memory=memory),
+        machine.Limits(seconds=seconds, wall=wall, memory=memory),
         jobs=jobs or os.cpu_count() or 1,
         machine=means,
         on_done=on_done,

@@ -25,9 +25,13 @@ _TRIAL = 30.0
 
 
 class Limits(Struct, frozen=True):
-    """Limits of a hand-in: seconds for all rows; MB of memory and disk, and threads, of a node."""
+    """Limits of a hand-in: s of a processor, MB of memory and disk, and threads, of a node.
+
+    `wall` is the last resort, s for all rows: beyond it, a hand-in is not graded.
+    """
 
     seconds: float = 60.0
+    wall: float = 1800.0
     memory: int = 1024
     disk: int = 64
     processes: int = 128

@@ -4,33 +4,40 @@ The true poses count, and the parameters of the launch; what a node reports of i
 where its report is the question.
 """
 
-from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Sequence
 from math import dist, inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from msgspec.structs import astuple
 
+from quadctl.cli.lab.flown import (
+    AT_REST,
+    Commanded,
+    FlownMission,
+    Outcome,
+    distance,
+    excursion,
+    first_at,
+    goal_of,
+    gotos,
+    permits,
+    place_of,
+    pose_at,
+    speed,
+)
 from quadctl.cli.lab.rubric import RubricRow
-from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep, ParamStep, Row
-from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
-from quadctl.schemas.params import Params
+from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep
+from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.services import (
     CalibrateResponse,
     GotoResponse,
-    SetParamsResponse,
     ToggleCageResponse,
 )
 from quadctl.schemas.topics import SETPOINT
-from quadctl.services.campaign.score import Point, inside
-from quadctl.services.campaign.watch import gently, outside
 from quadctl.services.pressure.simulated import pressure_at
-from quadctl.services.runtime.errors import QuadctlError, Refused
+from quadctl.services.runtime.errors import Refused
 
 STILL = 0.3
 """Metres that a vehicle may drift that refuses a goal."""
-_AT_REST = 0.05
-"""Speed (m/s) below which a vehicle is at rest."""
 _SOON = 0.3
 """Simulated seconds within which a node must show a change of its state, or take it back."""
 _BEFORE = 1.2 / SETPOINT.hz
@@ -45,40 +52,8 @@ _ZERO = 0.01
 """hPa by which a zeroed reading may differ from the change of the air's pressure since."""
 _MODEL = 0.1
 """Share by which the change of a barometer's model with the height may differ from ours."""
-_GENTLE = 0.05
-"""Share of its acceleration with which a vehicle brakes at least that must stop."""
 _TIME_TO_ARRIVE = 10.0
 """Simulated seconds after which a random flight's last goal must be reached."""
-
-
-class Outcome(NamedTuple):
-    """Step of a mission, and the answer to it: a reply or a problem."""
-
-    step: Row
-    reply: Any
-    problem: QuadctlError | None
-
-    @property
-    def accepted(self) -> bool:
-        """Return whether a goal was accepted."""
-        return isinstance(self.reply, GotoResponse) and self.reply.accepted
-
-    @property
-    def reason(self) -> str:
-        """Return why a goal was refused, by a reply or by an error reply."""
-        reason: str = self.problem.message if self.problem is not None else self.reply.reason
-        return reason.strip()
-
-
-class FlownMission(NamedTuple):
-    """Flight in one boot: parameters of the launch, answers, and every message, in order."""
-
-    params: Params
-    outcomes: Sequence[Outcome]
-    poses: Sequence[Pose]
-    states: Sequence[SafetyState]
-    readings: Sequence[Pressure]
-    setpoints: Sequence[Setpoint] = ()
 
 
 class RowVerdict(NamedTuple):
@@ -97,12 +72,12 @@ def judge(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 
 def _refused(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    *earlier, outcome = _gotos(flown)
+    *earlier, outcome = gotos(flown)
     for each in earlier:
         if not each.accepted:
             return RowVerdict(False, f"{each.step}: {_refusal(each)}")
         # A refusal on the way to another goal shows nothing of the verification.
-        away = _distance(_at(flown.poses, outcome.step.at), _goal(each.step))
+        away = distance(pose_at(flown.poses, outcome.step.at), goal_of(each.step))
         if each is earlier[-1] and away > flown.params.safety.acceptance_range:
             return RowVerdict(
                 False, f"{each.step}: still {away:.2f} m away when the next goal came"
@@ -110,7 +85,7 @@ def _refused(row: RubricRow, flown: FlownMission) -> RowVerdict:
     fault = "was accepted" if outcome.accepted else _wrong_refusal(flown, outcome)
     if fault:
         return RowVerdict(False, f"{outcome.step}: {fault}")
-    moved = _distance(_at(flown.poses, outcome.step.at), _place(flown.poses[-1]))
+    moved = distance(pose_at(flown.poses, outcome.step.at), place_of(flown.poses[-1]))
     if moved > (row.within or STILL):
         return RowVerdict(
             False, f"{outcome.step}: was refused, but the vehicle moved {moved:.2f} m"
@@ -121,14 +96,12 @@ def _refused(row: RubricRow, flown: FlownMission) -> RowVerdict:
 def _shown(flown: FlownMission, at: float) -> tuple[str, list[SafetyState]]:
     """Return the state when a request came, at a time (s), and the states shown since.
 
-    The first of these is VERIFYING if the request was verified.
+    The first of these is VERIFYING if the request was verified from HOVERING.
     """
     states = flown.states
-    first = _first(states, at - _BEFORE)
-    for n in range(first, _first(states, at + _SOON)):
-        if states[n].state == "VERIFYING":
-            return states[n - 1].state if n else "nothing", [*states[n:]]
-    first = _first(states, at)
+    first = first_at(states, at - _BEFORE)
+    while first < first_at(states, at + _SOON) and states[first].state == "HOVERING":
+        first += 1
     return states[first - 1].state if first else "nothing", [*states[first:]]
 
 
@@ -149,8 +122,8 @@ def _wrong_refusal(flown: FlownMission, outcome: Outcome) -> str:
     if fault := _flown_all_the_same(flown, outcome):
         return fault
     at = outcome.step.at
-    next_goal = min((each.step.at for each in _gotos(flown) if each.step.at > at), default=inf)
-    for state in flown.states[_first(flown.states, at + _SOON) :]:
+    next_goal = min((each.step.at for each in gotos(flown) if each.step.at > at), default=inf)
+    for state in flown.states[first_at(flown.states, at + _SOON) :]:
         if state.stamp < next_goal - _BEFORE and state.state != "HOVERING":
             return f"was refused, but safety/state showed {state.state} at {state.stamp:.2f} s"
     return ""
@@ -158,19 +131,20 @@ def _wrong_refusal(flown: FlownMission, outcome: Outcome) -> str:
 
 def _flown_all_the_same(flown: FlownMission, outcome: Outcome) -> str:
     """Return that a refused goal was published as a setpoint; empty if it was not."""
-    goal = _goal(outcome.step)
+    goal = goal_of(outcome.step)
     for setpoint in flown.setpoints:
         if dist(astuple(setpoint.position), goal) < _SAME and not any(
-            each.accepted and dist(_goal(each.step), goal) < _SAME for each in _gotos(flown)
+            each.accepted and dist(goal_of(each.step), goal) < _SAME for each in gotos(flown)
         ):
             return f"was refused, but input/position had it, for pose {setpoint.for_seq}"
     return ""
 
 
 def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    outcome = _gotos(flown)[-1]
-    if not outcome.accepted:
-        return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
+    first, *_, outcome = (gotos(flown)[0], *gotos(flown))
+    for each in (first, outcome):
+        if not each.accepted and (each is outcome or permits(flown, each)):
+            return RowVerdict(False, f"{each.step}: {_refusal(each)}")
     if fault := _wrong_flight(flown, outcome):
         return RowVerdict(False, f"{outcome.step}: {fault}")
     return _there(row, flown, outcome)
@@ -179,7 +153,7 @@ def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
 def _there(row: RubricRow, flown: FlownMission, outcome: Outcome) -> RowVerdict:
     """Return the verdict on the end of the flight to a goal."""
     reach = row.within or flown.params.safety.acceptance_range
-    away = _distance(flown.poses[-1], _goal(outcome.step))
+    away = distance(flown.poses[-1], goal_of(outcome.step))
     if away > reach:
         return RowVerdict(
             False,
@@ -196,9 +170,9 @@ def _wrong_flight(flown: FlownMission, outcome: Outcome) -> str:
 
     They are MOVING until the vehicle is within the acceptance range, and HOVERING then.
     """
-    reach, goal, at = flown.params.safety.acceptance_range, _goal(outcome.step), outcome.step.at
-    poses = flown.poses[_first(flown.poses, at) :]
-    inside = next((pose.stamp for pose in poses if _distance(pose, goal) < reach), inf)
+    reach, goal, at = flown.params.safety.acceptance_range, goal_of(outcome.step), outcome.step.at
+    poses = flown.poses[first_at(flown.poses, at) :]
+    inside = next((pose.stamp for pose in poses if distance(pose, goal) < reach), inf)
     _, since = _shown(flown, at)
     moving = hovering = -1.0
     for state in since:
@@ -207,11 +181,13 @@ def _wrong_flight(flown: FlownMission, outcome: Outcome) -> str:
                 return f"safety/state showed MOVING at {state.stamp:.2f} s, after HOVERING"
             moving = max(moving, state.stamp)
         elif state.state == "HOVERING" and hovering < 0:
+            if moving < 0:
+                return "safety/state showed no MOVING"
             hovering = state.stamp
-            pose = _at(flown.poses, hovering)
-            away = _distance(pose, goal)
+            pose = pose_at(flown.poses, hovering)
+            away = distance(pose, goal)
             # The stamp may be that of the setpoint before.
-            if away > reach + _speed(pose) / SETPOINT.hz:
+            if away > reach + speed(pose) / SETPOINT.hz:
                 return f"HOVERING {away:.2f} m from it; the acceptance range is {reach:g} m"
         elif state.state == "VERIFYING" and state.stamp > at + _SOON:
             return f"safety/state showed VERIFYING at {state.stamp:.2f} s"
@@ -223,7 +199,7 @@ def _wrong_flight(flown: FlownMission, outcome: Outcome) -> str:
 
 
 def _transitions(_row: RubricRow, flown: FlownMission) -> RowVerdict:
-    outcome = _gotos(flown)[-1]
+    outcome = gotos(flown)[-1]
     if not outcome.accepted:
         return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
     before, since = _shown(flown, outcome.step.at)
@@ -236,7 +212,7 @@ def _transitions(_row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 
 def _answers_in_flight(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    *_, first, second = _gotos(flown)
+    *_, first, second = gotos(flown)
     if not first.accepted:
         return RowVerdict(False, f"{first.step}: {_refusal(first)}")
     if not second.accepted and not second.reason:
@@ -249,25 +225,25 @@ def _stops(row: RubricRow, flown: FlownMission) -> RowVerdict:
         n for n, o in enumerate(flown.outcomes) if isinstance(o.step, CageStep) and o.step.on
     )
     step = flown.outcomes[shut].step
-    *_, flight = _gotos(flown, shut)
+    *_, flight = gotos(flown, shut)
     if not flight.accepted:
         return RowVerdict(False, f"{flight.step}: {_refusal(flight)}")
-    if _speed(_at(flown.poses, step.at)) < _AT_REST:
+    if speed(pose_at(flown.poses, step.at)) < AT_REST:
         return RowVerdict(False, f"{step}: the vehicle was not on its way to {flight.step}")
     held = _stays_inside(row, flown)
     if not held.ok:
         return held
-    if _gotos(flown)[-1] is not flight:
+    if gotos(flown)[-1] is not flight:
         return _arrives(row, flown)
     last = flown.poses[-1]
     if flown.states and (shows := flown.states[-1].state) != "HOVERING":
         return RowVerdict(False, f"{step}: stopped, but safety/state shows {shows}")
-    if _speed(last) > _AT_REST:
+    if speed(last) > AT_REST:
         return RowVerdict(
             False, f"{step}: the vehicle still moves {last.stamp - step.at:.1f} s later"
         )
     return RowVerdict(
-        True, f"{step}: stopped inside, at {' '.join(f'{x:.2f}' for x in _place(last))}"
+        True, f"{step}: stopped inside, at {' '.join(f'{x:.2f}' for x in place_of(last))}"
     )
 
 
@@ -279,8 +255,8 @@ def _stays_inside(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 
 def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    first = next(iter(_gotos(flown)), None)
-    if first is not None and not first.accepted and _permits(flown, first):
+    first = next(iter(gotos(flown)), None)
+    if first is not None and not first.accepted and permits(flown, first):
         return RowVerdict(False, f"{first.step}: {_refusal(first)}")
     for step, reply, problem in flown.outcomes:
         service, _ = step.call()
@@ -292,7 +268,7 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
         if isinstance(reply, GotoResponse) and not reply.accepted and not reply.reason.strip():
             return RowVerdict(False, f"{name}: refused without a reason")
         if isinstance(reply, CalibrateResponse):
-            height = _at(flown.poses, step.at).position.z
+            height = pose_at(flown.poses, step.at).position.z
             unset = isinstance(step, Calibrate) and step.unset
             air = 0.0 if unset else pressure_at(height)
             if abs(reply.baseline - air) > (row.within or _AIR):
@@ -318,9 +294,9 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
         after = [reading for reading in flown.readings if step.at + 0.1 < reading.stamp <= end]
         if not after and step is steps[-1]:
             return RowVerdict(False, f"sensors/pressure shows no reading after `{step}`")
-        begun = _at(flown.poses, step.at).position.z
+        begun = pose_at(flown.poses, step.at).position.z
         for reading in after:
-            height, shown = _at(flown.poses, reading.stamp).position.z, reading.pressure
+            height, shown = pose_at(flown.poses, reading.stamp).position.z, reading.pressure
             air = pressure_at(height)
             expected = air if step.unset else air - pressure_at(begun)
             # The models of the air differ a little; the vehicle sways while the mean is taken.
@@ -335,7 +311,7 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 
 def _parameter_obeyed(_row: RubricRow, flown: FlownMission) -> RowVerdict:
-    cage = _Commanded(flown)
+    cage = Commanded(flown)
     for number, outcome in enumerate(flown.outcomes):
         if not isinstance(outcome.step, GotoStep):
             continue
@@ -360,16 +336,16 @@ def _state_seen(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 def random_flight(flown: FlownMission) -> RowVerdict:
     """Return the campaign's verdict: never beyond the cage, and each goal rightly answered."""
-    cage, asked = _Commanded(flown), -inf
-    place: Point | None = (0.0, 0.0, flown.params.safety.takeoff)
+    cage, asked = Commanded(flown), -inf
+    place: tuple[float, float, float] | None = (0.0, 0.0, flown.params.safety.takeoff)
     since = 0.0
     for number, outcome in enumerate(flown.outcomes):
         step = outcome.step
         name = f"{step} at {step.at:.2f} s"
         if outcome.problem is not None and not isinstance(outcome.problem, Refused):
             return RowVerdict(False, f"{name}: {outcome.problem.message}")
-        shut = isinstance(step, CageStep) and step.on and place is not None
-        if shut and not cage.permits(number, GotoStep(step.at, *place)):
+        shut = isinstance(step, CageStep) and step.on
+        if place is not None and shut and not cage.permits(number, GotoStep(step.at, *place)):
             place, since = None, step.at
         if not isinstance(step, GotoStep):
             continue
@@ -377,7 +353,7 @@ def random_flight(flown: FlownMission) -> RowVerdict:
         if outcome.accepted:
             if not permitted:
                 return RowVerdict(False, f"{name}: was accepted with {cage.text(number)}")
-            place, since = _goal(step), step.at
+            place, since = goal_of(step), step.at
         else:
             idle = step.at - _rests(flown, place, since)
             # One that verifies in its loop is busy for a moment with the goal before.
@@ -394,86 +370,11 @@ def random_flight(flown: FlownMission) -> RowVerdict:
         return RowVerdict(False, f"the vehicle was {worst:.2f} m beyond the cage at {at:.2f} s")
     last = flown.poses[-1]
     if place is not None and last.stamp > since + _TIME_TO_ARRIVE:
-        away = _distance(last, place)
+        away = distance(last, place)
         if away > flown.params.safety.acceptance_range:
             goal = " ".join(f"{x:g}" for x in place)
             return RowVerdict(False, f"goto {goal} at {since:.2f} s: never arrived")
     return RowVerdict(True, "inside, and each goal rightly answered")
-
-
-def excursion(flown: FlownMission) -> tuple[float, float]:
-    """Return the worst way (m) beyond the cage in force, more than permitted, and its time (s).
-
-    A vehicle outside, or about to leave, when the cage comes on may go as far as it needs to stop,
-    and never out again once it has come nearer.
-    """
-    cage = _Commanded(flown)
-    braking = flown.params.dynamics.control.max_acceleration
-    worst, at, allowed = 0.0, 0.0, 0.0
-    before: Point | None = None
-    for pose in flown.poses:
-        size = cage.in_force(pose.stamp)
-        if size is not None:
-            p, v = _place(pose), (pose.velocity.x, pose.velocity.y, pose.velocity.z)
-            if size != before:
-                sx, sy, sz = (x + 0.5 / braking * u * abs(u) for x, u in zip(p, v, strict=True))
-                room = max(outside(*p, *size), outside(sx, sy, sz, *size))
-                allowed = max(room, gently(*p, *v, _GENTLE * braking, *size)) if room > 0 else 0.0
-            out = outside(*p, *size)
-            if out - allowed > worst:
-                worst, at = out - allowed, pose.stamp
-            if allowed and dist(v, (0, 0, 0)) < _AT_REST:
-                allowed = min(allowed, out)
-        before = size
-    return worst, at
-
-
-class _Commanded:
-    """Cage as the mission commands it, whatever the node makes of it."""
-
-    def __init__(self, flown: FlownMission) -> None:
-        size = flown.params.safety.virtual_cage
-        now = (size.x, size.y, size.z), flown.params.safety.cage_on
-        self._launch = now[0] if now[1] else None
-        self._times: list[float] = []
-        self._after: list[Point | None] = []
-        for step, reply, problem in flown.outcomes:
-            now = _changed(now, step, reply, problem)
-            self._times.append(step.at)
-            self._after.append(now[0] if now[1] else None)
-
-    def in_force(self, at: float) -> Point | None:
-        """Return the bounds (m) at a time (s), None if the cage is off."""
-        passed = bisect_right(self._times, at)
-        return self._after[passed - 1] if passed else self._launch
-
-    def permits(self, number: int, step: GotoStep) -> bool:
-        """Return whether a goal may be flown to; `number` is that of its outcome, for equal times."""
-        size = self._after[number]
-        return step.z >= 0 if size is None else inside((step.x, step.y, step.z), size)
-
-    def text(self, number: int) -> str:
-        """Return the cage at an outcome, for a message."""
-        size = self._after[number]
-        return "the cage off" if size is None else f"a cage of {' '.join(f'{s:g}' for s in size)}"
-
-
-def _changed(now: tuple[Point, bool], step: Row, reply: Any, problem: Any) -> tuple[Point, bool]:
-    """Return the cage's size, and whether it is on, after a step."""
-    (x, y, z), on = now
-    if isinstance(step, CageStep):
-        return (x, y, z), step.on
-    if isinstance(step, ParamStep) and isinstance(reply, SetParamsResponse):
-        bounds = {"x": x, "y": y, "z": z}
-        for name, value in step.values.items() if reply.success and problem is None else ():
-            if name.startswith("safety.virtual_cage."):
-                bounds[name[-1]] = float(value)
-        x, y, z = bounds.values()
-    return (x, y, z), on
-
-
-def _permits(flown: FlownMission, outcome: Outcome) -> bool:
-    return _Commanded(flown).permits(flown.outcomes.index(outcome), outcome.step)  # type: ignore[arg-type]
 
 
 _JUDGES = {
@@ -490,52 +391,17 @@ _JUDGES = {
 }
 
 
-def _gotos(flown: FlownMission, end: int | None = None) -> list[Outcome]:
-    return [each for each in flown.outcomes[:end] if isinstance(each.step, GotoStep)]
-
-
 def _refusal(outcome: Outcome) -> str:
     return f"refused, {outcome.reason or 'without a reason'}"
 
 
-def _goal(step: Any) -> Point:
-    return step.x, step.y, step.z
-
-
-def _place(pose: Pose) -> Point:
-    p = pose.position
-    return p.x, p.y, p.z
-
-
-def _speed(pose: Pose) -> float:
-    return dist(astuple(pose.velocity), (0, 0, 0))
-
-
-def _distance(pose: Pose, place: Iterable[float]) -> float:
-    return dist(_place(pose), tuple(place))
-
-
-def _stamp(message: Pose | SafetyState) -> float:
-    return message.stamp
-
-
-def _first(messages: Sequence[Pose] | Sequence[SafetyState], at: float) -> int:
-    """Return the number of the first message of a time (s) or later."""
-    return bisect_left(messages, at - 1e-9, key=_stamp)
-
-
-def _at(poses: Sequence[Pose], at: float) -> Pose:
-    """Return the pose at a time (s), or the next."""
-    return poses[min(_first(poses, at), len(poses) - 1)]
-
-
-def _rests(flown: FlownMission, place: Point | None, since: float) -> float:
+def _rests(flown: FlownMission, place: tuple[float, float, float] | None, since: float) -> float:
     """Return when (s) the vehicle was there after it had set out, or had stopped if there is no place.
 
     It counts as there after _TIME_TO_ARRIVE: a vehicle that never rests is not busy for ever.
     """
     reach = flown.params.safety.acceptance_range
-    for pose in flown.poses[_first(flown.poses, since) :]:
-        if _speed(pose) < _AT_REST if place is None else _distance(pose, place) < reach:
+    for pose in flown.poses[first_at(flown.poses, since) :]:
+        if speed(pose) < AT_REST if place is None else distance(pose, place) < reach:
             return pose.stamp
     return since + _TIME_TO_ARRIVE

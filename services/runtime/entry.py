@@ -165,6 +165,8 @@ def _executor_of(
         )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))
+    if not keeps_time:
+        executor.watch(logging.getLogger(name).warning)
     return executor
 
 

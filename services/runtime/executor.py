@@ -1,6 +1,9 @@
 """Event loops: an Executor for one node; several take turns on one thread (greenlets)."""
 
 import math
+import os
+import sys
+import sysconfig
 import threading
 import time
 from collections import deque
@@ -10,6 +13,7 @@ from heapq import heappop, heappush
 from itertools import count
 from math import inf
 from queue import Empty, SimpleQueue
+from types import FrameType
 from typing import Any
 
 Item = Callable[[], None]
@@ -100,6 +104,8 @@ class Executor:
         self._turn = threading.Lock()
         self._turn.acquire()
         self.stopping = False
+        self.busy_since = time.monotonic()
+        """When the loop last began to do something, monotonic s; 0 while it waits."""
 
     def run_inline(self, item: Item) -> None:
         """Run `item` on this thread if the loop is idle, else enqueue it.
@@ -227,11 +233,13 @@ class Executor:
     def _serve_one(self, deadline: float) -> bool:
         if time.monotonic() >= deadline:
             return False
+        self.busy_since = 0.0
         self._turn.release()
         try:
             item = self._inbox.wait(deadline)
         finally:
             self._turn.acquire()
+            self.busy_since = time.monotonic()
         if item:
             item()
         return True
@@ -239,6 +247,27 @@ class Executor:
 
 def _fail(error: BaseException) -> None:
     raise error
+
+
+_BLOCKED = 2.0
+"""Seconds after which a handler counts as blocked; a supervisor then restarts its process."""
+_OURS = os.path.dirname(os.path.dirname(__file__))  # noqa: PTH120 - pathlib is slow
+_NOT_THEIRS = tuple({sysconfig.get_path(name) for name in ("stdlib", "platlib", "purelib")})
+
+
+def _place(frame: FrameType | None) -> str:
+    """Return the innermost function outside of Python and of this package, with file and line."""
+    innermost = frame
+    while frame is not None:
+        file = frame.f_code.co_filename
+        if not file.startswith(("<", _OURS, *_NOT_THEIRS)):
+            break
+        frame = frame.f_back
+    frame = frame or innermost
+    if frame is None:
+        return "the loop"
+    code = frame.f_code
+    return f"{code.co_name} ({os.path.basename(code.co_filename)}, line {frame.f_lineno})"  # noqa: PTH119
 
 
 class MultiNodeExecutor:
@@ -293,6 +322,22 @@ class MultiNodeExecutor:
             self._outbox.flush()
         if self._errors:
             raise self._errors[0]
+
+    def watch(self, warn: Callable[[str], None]) -> None:
+        """Call `warn` with the place of a handler or loop that has not returned for 2 s, once each."""
+        thread = threading.get_ident()
+        threading.Thread(target=self._watch, args=(thread, warn), daemon=True).start()
+
+    def _watch(self, thread: int, warn: Callable[[str], None]) -> None:
+        named = 0.0
+        while True:
+            time.sleep(LOOK_UP)
+            for loop, _ in self._runs:
+                since = loop.busy_since
+                if since and since != named and time.monotonic() > since + _BLOCKED:
+                    named = since
+                    place = _place(sys._current_frames().get(thread))  # noqa: SLF001 - the only way
+                    warn(f"{place} has not returned for {_BLOCKED:g} s: nothing else is answered")
 
     def _run_node(self, run: Callable[[], None]) -> None:
         try:

@@ -20,12 +20,12 @@ from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
 ROWS = [
-    "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "3.1", "3.2", "3.3", "4.1",
-    "4.2", "4.3", "4.4",
+    "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9", "2.10", "2.11",
+    "2.12", "3.1", "3.2", "3.3", "3.4", "4.1", "4.2", "4.3", "4.4", "4.5", "4.6",
 ]  # fmt: skip
 HIDDEN = "5.1"
-LAZY = {"2.6", "3.1", "3.2", "3.3"}
-"""Rows that hold for a safety node that accepts every goal and flies nowhere."""
+LAZY = {"3.1", "3.2", "3.3", "3.4"}
+"""Rows about the other node, which a cheat in safety leaves alone."""
 
 ABOUT_SAFETY = {number for number in (*ROWS, HIDDEN) if not number.startswith("3.")}
 
@@ -66,9 +66,9 @@ def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
         shutil.copy(completed / name, mine / name)
     last = lab.quadctl("lab", "check", "mine", "--report", "out")
     assert last.code == 0, last.out + last.err
-    assert "mine: 22 of 22 points" in last.out
+    assert "mine: 31 of 31 points" in last.out
     page = (lab.folder / "out/report.html").read_text("utf-8")
-    assert "mine: 22 of 22 points" in page
+    assert "mine: 31 of 31 points" in page
     assert "data:image/png;base64," in page
     assert lab.quadctl("bag", "check", "out/flight.mcap").code == 0
 
@@ -91,10 +91,10 @@ def test_a_class_is_graded_each_for_itself(lab: Lab):
 
 
 def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
-    expected = {"completed": 26, "no_baseline": 23, "never_arrives": 9}
+    expected = {"completed": 35, "no_baseline": 32, "never_arrives": 7}
     assert {name: promised()[name] for name in expected} == expected
     done = lab.quadctl("lab", "grade", write("no_baseline", lab.folder), "--trust")
-    assert "no_baseline: 23 of 26" in done.err, done.out
+    assert "no_baseline: 32 of 35" in done.err, done.out
 
 
 @pytest.mark.thorough

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
+from quadctl.cli.lab.flown import FlownMission, Outcome
 from quadctl.cli.lab.rubric import RubricRow, rubric
-from quadctl.cli.lab.verdict import FlownMission, Outcome, RowVerdict, judge
+from quadctl.cli.lab.verdict import RowVerdict, judge
 from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep, Row
 from quadctl.schemas.messages import (
     BodyRates,
@@ -18,6 +20,7 @@ from quadctl.schemas.messages import (
     Pressure,
     Quaternion,
     SafetyState,
+    Setpoint,
     StateName,
     Velocity,
 )
@@ -119,6 +122,9 @@ def judged(
     x: Callable[[float], float],
     *,
     hovers: Callable[[float], bool] = lambda _at: True,
+    verifies: float = -1.0,
+    refuses: bool = False,
+    setpoint: float = 0.0,
     shown: Callable[[float], float] = lambda _at: 0.0,
 ) -> RowVerdict:
     """Return the verdict on 9 s of flight at 1 m along `x` (m), each a function of the time (s)."""
@@ -132,9 +138,15 @@ def judged(
             state: StateName = "HOVERING" if hovers(at) else "MOVING"
             goal, cage = Position(0, 0, 1), CageSize(5, 5, 5)
             states.append(SafetyState("b", at, 1, state, goal, True, cage, ""))
+            if at == verifies:
+                states.append(replace(states[-1], state="VERIFYING"))
+    setpoints = [Setpoint("b", seq, Position(setpoint, 0, 1), False) for seq in range(0, 901, 5)]
     readings = [Pressure(n / 10, shown(n / 10), 0, 0, 0) for n in range(91)]
     outcomes = [replied(step) for step in steps]
-    return judge(RubricRow("r", expect), FlownMission(Params(), outcomes, poses, states, readings))
+    if refuses:
+        outcomes[-1] = Outcome(steps[-1], GotoResponse(False, "no"), None)
+    flown = FlownMission(Params(), outcomes, poses, states, readings, setpoints)
+    return judge(RubricRow("r", expect), flown)
 
 
 @pytest.mark.parametrize(
@@ -153,6 +165,77 @@ def test_an_arrival_is_not_reported_before_the_acceptance_range(range_: float, o
     assert verdict.ok is (range_ == 0.5)
 
 
+AWAY = GotoStep(3.0, 4.0, 0.0, 1.0)
+
+
+def flight(at: float) -> float:
+    """Return the place (m) of a vehicle that flies 4 m from 3 s on, at 2 m/s."""
+    return min(max(2 * (at - 3), 0), 4)
+
+
+def at_rest(_at: float) -> float:
+    return 0.0
+
+
+def until(end: float) -> Callable[[float], bool]:
+    """Return which states of a flight are HOVERING: those up to 3 s, and from an end (s) on."""
+    return lambda at: at <= 3 or at >= end
+
+
+@pytest.mark.parametrize(
+    ("expect", "x", "more", "output"),
+    [
+        ("refused", at_rest, {"verifies": 3.0}, ""),
+        ("refused", at_rest, {}, "refused, no, but safety/state showed no VERIFYING for it"),
+        ("refused", at_rest, {"hovers": lambda at: at > 3.5}, "MOVING when it came, not HOVERING"),
+        (
+            "refused", at_rest, {"verifies": 3.0, "hovers": lambda at: at < 5},
+            "but safety/state showed MOVING at 5.00 s",
+        ),
+        (
+            "refused", at_rest, {"verifies": 3.0, "setpoint": 4.0},
+            "but input/position had it, for pose 0",
+        ),
+        ("refused", flight, {"verifies": 3.0}, "was refused, but the vehicle moved 4.00 m"),
+        ("parameter_obeyed", at_rest, {"verifies": 3.0}, "was refused with a cage of 5 5 5"),
+        ("arrives", flight, {"hovers": until(4.8)}, ""),
+        ("arrives", flight, {"hovers": until(4.3)}, "HOVERING 1.40 m from it"),
+        ("arrives", flight, {"hovers": until(6.0)}, "HOVERING 1.2 s after it was 0.5 m away"),
+        ("arrives", flight, {}, "safety/state showed no MOVING"),
+        ("arrives", flight, {"hovers": lambda at: at <= 3 or 4.8 <= at < 6}, "MOVING at 6.00 s, after"),
+        ("arrives", at_rest, {"hovers": until(99)}, "4.00 m away from it at the end"),
+        ("transitions", flight, {"hovers": until(4.8), "verifies": 3.0}, ""),
+        ("transitions", flight, {"hovers": until(4.8)}, "showed HOVERING, MOVING, HOVERING"),
+        ("transitions", flight, {"verifies": 3.0}, "showed HOVERING, VERIFYING, HOVERING"),
+    ],
+)  # fmt: skip
+def test_what_a_node_shows_on_a_goal_is_judged(
+    expect: str, x: Callable[[float], float], more: dict[str, Any], output: str
+):
+    refuses = expect in {"refused", "parameter_obeyed"}
+    verdict = judged(expect, [AWAY], x, refuses=refuses, **more)
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
+@pytest.mark.parametrize(
+    ("refuses", "x", "output"),
+    [
+        (True, lambda at: min(max(2 * (at - 1), 0), 4), ""),
+        (True, lambda at: min(max(2 * (at - 1), 0), 3), "goto 4 0 1: 1.00 m away from it"),
+        (False, lambda at: min(max(2 * (at - 1), 0), 4), "goto 0 0 1: 4.00 m away from it"),
+        (False, at_rest, ""),
+    ],
+)
+def test_a_goal_in_flight_is_refused_or_reached(
+    refuses: bool, x: Callable[[float], float], output: str
+):
+    steps = [replace(AWAY, at=1.0), GotoStep(2.0, 0.0, 0.0, 1.0)]
+    verdict = judged("answers_in_flight", steps, x, refuses=refuses)
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
 OUT = [CageStep(0.5, False), GotoStep(1.0, 9.0, 0.0, 1.0), CageStep(3.0, True)]
 BACK = GotoStep(6.0, 1.0, 0.0, 1.0)
 
@@ -165,15 +248,25 @@ BACK = GotoStep(6.0, 1.0, 0.0, 1.0)
         (OUT, lambda at: min(max(at - 1, 0), 1.5), "was not on its way to goto 9 0 1"),
         (OUT, lambda at: min(max(at - 1, 0), 3) - max(at - 7, 0), "still moves 6.0 s later"),
         ([*OUT, BACK], lambda at: min(max(at - 1, 0), 2.5, max(8.5 - at, 1)), ""),
-        ([*OUT, BACK], lambda at: min(max(at - 1, 0), 2.5), "goto 1 0 1: 1.50 m away"),
+        ([*OUT, BACK], lambda at: min(max(at - 1, 0), 2.5), "goto 1 0 1: HOVERING 1.50 m from it"),
     ],
 )
 def test_a_vehicle_on_its_way_out_stops_and_flies_to_a_later_goal(
     steps: list[Row], x: Callable[[float], float], output: str
 ):
-    verdict = judged("stops", steps, x)
+    verdict = judged("stops", steps, x, hovers=lambda at: not 6 < at < 7)
     assert output in verdict.output
     assert verdict.ok is (not output)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_zeroed_barometer_follows_the_height(sign: int):
+    """Climbing by 1 m lowers the pressure by 0.12 hPa."""
+    climbed = [Pose("b", n, n / 10, Position(0, 0, min(max(n / 10 - 4, 1), 2)), Velocity(0, 0, 0),
+                    Quaternion(1, 0, 0, 0), BodyRates(0, 0, 0)) for n in range(91)]  # fmt: skip
+    readings = [Pressure(p.stamp, sign * 0.12 * (1 - p.position.z), 0, 0, 0) for p in climbed]
+    flown = FlownMission(Params(), [replied(Calibrate(3.0))], climbed, [], readings)
+    assert judge(RubricRow("r", "zeroed"), flown).ok is (sign > 0)
 
 
 AIR = 1013.13

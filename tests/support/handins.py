@@ -33,30 +33,34 @@ def _costs(*rows: str) -> frozenset[str]:
 
 MISTAKES = {
     "no_verifying": Mistake(
-        "safety", '        self.state = "VERIFYING"\n        self.publish()\n', "", _costs("2.1")
+        "safety", '        self.state = "VERIFYING"\n        self.publish()\n', "",
+        _costs("1.1", "2.1", "2.5", "2.6", "2.7", "2.8", "2.9", "2.10", "2.12", "4.2"),
     ),
     "forgets_z": Mistake(
-        "safety", " and point.z <= cage.z", "", _costs("1.1", "2.5", "5.1")
+        "safety", " and point.z <= cage.z", "", _costs("1.1", "2.9", "5.1")
     ),
     "accepts_the_far_side": Mistake(
         "safety", "abs(point.x) <= cage.x and abs(point.y)", "point.x <= cage.x and point.y",
-        _costs("2.4", "5.1"),
+        _costs("2.6", "2.8", "5.1"),
     ),
     "never_arrives": Mistake(
         "safety", "Setpoint(pose.boot, pose.seq, self.goal,", "Setpoint(pose.boot, pose.seq, self.home,",
-        _costs("1.1", "1.2", "2.2", "2.3", "2.4", "2.5", "4.1", "4.2", "4.3", "4.4", "5.1"),
+        _costs(
+            "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9", "2.10",
+            "2.11", "2.12", "4.1", "4.2", "4.3", "4.4", "4.5", "5.1",
+        ),
     ),
     "toggles_without_effect": Mistake(
         "safety", "(self.cage_on and not self.is_inside(goal))", "not self.is_inside(goal)",
-        _costs("4.1", "4.2", "4.3", "4.4", "5.1"),
+        _costs("4.1", "4.2", "4.3", "4.4", "4.5", "5.1"),
     ),
     "no_baseline": Mistake("pressure", "raw - self.baseline", "raw", _costs("3.2", "3.3")),
     "baseline_in_pascals": Mistake(
         "pressure", "sum(self.last) / len(self.last)", "100 * sum(self.last) / len(self.last)",
-        _costs("3.1", "3.2", "3.3"),
+        _costs("3.1", "3.2", "3.3", "3.4"),
     ),
     "drops_requests_in_flight": Mistake(
-        "safety", '"busy: flying to another goal"', '""', _costs("2.6")
+        "safety", '"busy: flying to another goal"', '""', _costs("2.11")
     ),
     "hard_coded_parameters": Mistake(
         "safety", "CageSize(size.x, size.y, size.z)", "CageSize(5.0, 5.0, 5.0)", _costs("1.1")
@@ -74,7 +78,7 @@ MISTAKES = {
     "hard_coded_range": Mistake(
         "safety", "params.safety.acceptance_range", "0.5", _costs("1.2")
     ),
-    "forgets_the_floor": Mistake("safety", "goal.z < 0 or ", "", _costs("2.7")),
+    "forgets_the_floor": Mistake("safety", "goal.z < 0 or ", "", _costs("2.10", "2.12")),
     "ignores_unset": Mistake("pressure", " if request.zero else 0.0", "", _costs("3.3")),
 }  # fmt: skip
 

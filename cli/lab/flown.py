@@ -1,0 +1,167 @@
+"""Flown mission of a student's nodes, and the cage that it commanded. Pure."""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+from math import dist
+from typing import Any, NamedTuple
+
+from msgspec.structs import astuple
+
+from quadctl.cli.mission.mission import CageStep, GotoStep, ParamStep, Row
+from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
+from quadctl.schemas.params import Params
+from quadctl.schemas.services import GotoResponse, SetParamsResponse
+from quadctl.services.campaign.score import Point, inside
+from quadctl.services.campaign.watch import gently, outside
+from quadctl.services.runtime.errors import QuadctlError
+
+AT_REST = 0.05
+"""Speed (m/s) below which a vehicle is at rest."""
+_GENTLE = 0.05
+"""Share of its acceleration with which a vehicle brakes at least that must stop."""
+
+
+class Outcome(NamedTuple):
+    """Step of a mission, and the answer to it: a reply or a problem."""
+
+    step: Row
+    reply: Any
+    problem: QuadctlError | None
+
+    @property
+    def accepted(self) -> bool:
+        """Return whether a goal was accepted."""
+        return isinstance(self.reply, GotoResponse) and self.reply.accepted
+
+    @property
+    def reason(self) -> str:
+        """Return why a goal was refused, by a reply or by an error reply."""
+        reason: str = self.problem.message if self.problem is not None else self.reply.reason
+        return reason.strip()
+
+
+class FlownMission(NamedTuple):
+    """Flight in one boot: parameters of the launch, answers, and every message, in order."""
+
+    params: Params
+    outcomes: Sequence[Outcome]
+    poses: Sequence[Pose]
+    states: Sequence[SafetyState]
+    readings: Sequence[Pressure]
+    setpoints: Sequence[Setpoint] = ()
+
+
+def gotos(flown: FlownMission, end: int | None = None) -> list[Outcome]:
+    """Return the goals and the answers to them, up to the outcome of number `end`."""
+    return [each for each in flown.outcomes[:end] if isinstance(each.step, GotoStep)]
+
+
+def goal_of(step: Any) -> Point:
+    """Return the goal (m) of a step."""
+    return step.x, step.y, step.z
+
+
+def place_of(pose: Pose) -> Point:
+    """Return the place (m) of a pose."""
+    p = pose.position
+    return p.x, p.y, p.z
+
+
+def speed(pose: Pose) -> float:
+    """Return the speed (m/s) of a pose."""
+    return dist(astuple(pose.velocity), (0, 0, 0))
+
+
+def distance(pose: Pose, place: Iterable[float]) -> float:
+    """Return the distance (m) of a pose from a place."""
+    return dist(place_of(pose), tuple(place))
+
+
+def _stamp(message: Pose | SafetyState) -> float:
+    return message.stamp
+
+
+def first_at(messages: Sequence[Pose] | Sequence[SafetyState], at: float) -> int:
+    """Return the number of the first message of a time (s) or later."""
+    return bisect_left(messages, at - 1e-9, key=_stamp)
+
+
+def pose_at(poses: Sequence[Pose], at: float) -> Pose:
+    """Return the pose at a time (s), or the next."""
+    return poses[min(first_at(poses, at), len(poses) - 1)]
+
+
+def excursion(flown: FlownMission) -> tuple[float, float]:
+    """Return the worst way (m) beyond the cage in force, more than permitted, and its time (s).
+
+    A vehicle outside, or about to leave, when the cage comes on may go as far as it needs to stop,
+    and never out again once it has come nearer.
+    """
+    cage = Commanded(flown)
+    braking = flown.params.dynamics.control.max_acceleration
+    worst, at, allowed = 0.0, 0.0, 0.0
+    before: Point | None = None
+    for pose in flown.poses:
+        size = cage.in_force(pose.stamp)
+        if size is not None:
+            p, v = place_of(pose), (pose.velocity.x, pose.velocity.y, pose.velocity.z)
+            if size != before:
+                sx, sy, sz = (x + 0.5 / braking * u * abs(u) for x, u in zip(p, v, strict=True))
+                room = max(outside(*p, *size), outside(sx, sy, sz, *size))
+                allowed = max(room, gently(*p, *v, _GENTLE * braking, *size)) if room > 0 else 0.0
+            out = outside(*p, *size)
+            if out - allowed > worst:
+                worst, at = out - allowed, pose.stamp
+            if allowed and dist(v, (0, 0, 0)) < AT_REST:
+                allowed = min(allowed, out)
+        before = size
+    return worst, at
+
+
+class Commanded:
+    """Cage as the mission commands it, whatever the node makes of it."""
+
+    def __init__(self, flown: FlownMission) -> None:
+        size = flown.params.safety.virtual_cage
+        now = (size.x, size.y, size.z), flown.params.safety.cage_on
+        self._launch = now[0] if now[1] else None
+        self._times: list[float] = []
+        self._after: list[Point | None] = []
+        for step, reply, problem in flown.outcomes:
+            now = _changed(now, step, reply, problem)
+            self._times.append(step.at)
+            self._after.append(now[0] if now[1] else None)
+
+    def in_force(self, at: float) -> Point | None:
+        """Return the bounds (m) at a time (s), None if the cage is off."""
+        passed = bisect_right(self._times, at)
+        return self._after[passed - 1] if passed else self._launch
+
+    def permits(self, number: int, step: GotoStep) -> bool:
+        """Return whether a goal may be flown to; `number` is that of its outcome, for equal times."""
+        size = self._after[number]
+        return step.z >= 0 if size is None else inside((step.x, step.y, step.z), size)
+
+    def text(self, number: int) -> str:
+        """Return the cage at an outcome, for a message."""
+        size = self._after[number]
+        return "the cage off" if size is None else f"a cage of {' '.join(f'{s:g}' for s in size)}"
+
+
+def _changed(now: tuple[Point, bool], step: Row, reply: Any, problem: Any) -> tuple[Point, bool]:
+    """Return the cage's size, and whether it is on, after a step."""
+    (x, y, z), on = now
+    if isinstance(step, CageStep):
+        return (x, y, z), step.on
+    if isinstance(step, ParamStep) and isinstance(reply, SetParamsResponse):
+        bounds = {"x": x, "y": y, "z": z}
+        for name, value in step.values.items() if reply.success and problem is None else ():
+            if name.startswith("safety.virtual_cage."):
+                bounds[name[-1]] = float(value)
+        x, y, z = bounds.values()
+    return (x, y, z), on
+
+
+def permits(flown: FlownMission, outcome: Outcome) -> bool:
+    """Return whether the cage that was commanded permits a goal."""
+    return Commanded(flown).permits(flown.outcomes.index(outcome), outcome.step)  # type: ignore[arg-type]

@@ -55,6 +55,7 @@ class Schedule:
     def __init__(self, *, lockstep: bool) -> None:
         self._lockstep = lockstep
         self._boot, self._stamp = "", 0.0
+        self._ended: set[str] = set()
         self._numbers = itertools.count()
         self._waiting: dict[int, ScheduledCall] = {}
         # Heaps with the numbers of calls; that of a settled one stays until it comes up.
@@ -99,9 +100,14 @@ class Schedule:
     def advance(self, boot: str, stamp: float, now: float) -> None:
         """Set the time to `stamp` of `boot`, `now` in Unix s, and settle the calls that are due.
 
-        They are settled in the order of their times, equal ones in the order of their arrival.
+        They are settled in the order of their times, equal ones in the order of their arrival. A
+        time before that of the last call changes nothing: a node's own loop may be behind.
         """
+        if boot in self._ended or (boot == self._boot and stamp < self._stamp):
+            return
         before, self._boot, self._stamp = self._boot, boot, stamp
+        if boot != before:
+            self._ended.add(before)
         if not self._waiting:
             return
         late: list[tuple[ScheduledCall, str]] = []

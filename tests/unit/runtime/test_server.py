@@ -32,10 +32,13 @@ class Clock:
     def __init__(self, *, lockstep: bool = True) -> None:
         self.schedule = Schedule(lockstep=lockstep)
         self.boot, self.stamp = "", 0.0
+        self.ended: set[str] = set()
         self.outcomes: list[Outcome] = []
 
     def to(self, boot: str, stamp: float, now: float = 0.0) -> None:
-        self.boot, self.stamp = boot, stamp
+        if boot not in self.ended and not (boot == self.boot and stamp < self.stamp):
+            self.ended |= {self.boot} - {boot}
+            self.boot, self.stamp = boot, stamp
         self.schedule.advance(boot, stamp, now)
 
     def hold(self, name: int, boot: str, at: float, deadline: float = NEVER) -> None:
@@ -56,6 +59,13 @@ class Clock:
 def test_without_a_clock_no_call_can_be_scheduled():
     with pytest.raises(NotReady):
         Clock().hold(1, "a", 1.0)
+
+
+def test_an_earlier_time_or_a_boot_that_has_ended_changes_nothing():
+    clock = Clock()
+    for boot, stamp in (("a", 1.0), ("a", 0.5), ("b", 0.1), ("a", 2.0)):
+        clock.to(boot, stamp)
+    assert clock.schedule.now == ("b", 0.1)
 
 
 def test_a_call_waits_for_the_first_pose_at_its_time_or_later():

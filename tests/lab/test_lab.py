@@ -14,8 +14,9 @@ from quadctl.cli.lab import grading, machine
 from quadctl.cli.lab.judge import last_error
 from quadctl.cli.lab.rubric import rubric
 from quadctl.services.runtime.errors import Invalid
-from tests.support.handins import CHEATS, GOOD, MISTAKES, promised, write
+from tests.support.handins import CHEATS, GOOD, MISTAKES, STYLES, promised, write
 from tests.support.lab import Lab
+from tests.support.missions import busy
 from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
@@ -186,6 +187,22 @@ def test_the_rubric_tells_the_mistakes_apart_in_20_runs_of_20(lab: Lab, proofs: 
 
 
 @pytest.mark.prove
+@pytest.mark.alone
+@pytest.mark.timeout(3000)
+def test_right_hand_ins_in_ten_styles_have_full_marks_in_each_run(lab: Lab, proofs: Proofs):
+    folders = [write(name, lab.folder) for name in STYLES]
+    for load in (0, 0, 8):
+        with busy(load):
+            found = graded(lab, *folders, timeout=900)
+        assert found == {name: {} for name in STYLES}
+    proofs.add(
+        f"Right hand-ins in {len(STYLES)} styles, three runs, one beside eight busy processes",
+        "each has every point",
+        "each",
+    )
+
+
+@pytest.mark.prove
 @pytest.mark.needs("sandbox")
 @pytest.mark.timeout(900)
 def test_no_cheat_gains_a_point_or_disturbs_the_next(lab: Lab, proofs: Proofs):
@@ -311,6 +328,25 @@ def test_a_crash_in_one_row_costs_that_row_only(lab: Lab):
     own = lab.file("".join((*crashes, arrives)), "own.toml")
     found = graded(lab, handin, "--rubric", own)["completed"]
     assert found == {str(n): "safety crashed: exit 3" for n in range(1, 7)}
+
+
+@pytest.mark.thorough
+def test_a_handler_that_blocks_is_named_and_waited_for_twice(lab: Lab):
+    handin = broken(
+        lab.folder,
+        "        goal = Position(request.x",
+        "        while True: pass\n        goal = Position(request.x",
+    )
+    rows = "".join(
+        f'[[row]]\nname = "goal {n}"\nexpect = "arrives"\nend = 6.0\n'
+        f'rows = [{{ at = 4.0, do = "goto", x = {n}.0, y = 1.0, z = 1.0 }}]\n'
+        for n in range(1, 5)
+    )
+    found = graded(lab, handin, "--rubric", lab.file(rows, "own.toml"))["completed"]
+    firsts = [output.splitlines()[0] for output in found.values()]
+    named = "safety is blocked: on_goto (my_safety.py, line 42) has not returned for 2 s"
+    assert all(named in first for first in firsts), firsts
+    assert [first.startswith("not flown") for first in firsts] == [False, False, True, True]
 
 
 SYNTAX = """\

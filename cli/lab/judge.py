@@ -206,9 +206,10 @@ def _fly_run(
                 elif why := blocked or node.renew():
                     yield RowResult.without_flight(row, why)
                 else:
-                    yield _fly_row(client, node, launch.params, row, made)
+                    result = _fly_row(client, node, launch.params, row, made)
+                    yield result
                     # A handler that blocks in one row and again in the next is waited for no more.
-                    before, now = now, node.blocked()
+                    before, now = now, "" if result.ok else node.blocked()
                     if now and now == before:
                         blocked = f"not flown: {now}"
                 done += 1

@@ -193,6 +193,7 @@ class Executor:
 
     def serve_waiting(self) -> None:
         """Serve the items that are queued now, at most a burst, without waiting for more."""
+        self.busy_since = time.monotonic()  # the loop has come round
         for _ in range(min(len(self._inbox), _BURST)):
             if item := self._inbox.next():
                 item()

@@ -275,6 +275,7 @@ class Node:
         self.ready()
         counted, ticks, answered, answered_at = ("", 0.0), 0, -1, 0.0
         while not self.stopping:
+            self.executor.serve_waiting()
             if not self.wait_for(lambda: bool(passed), _LONGEST_WAIT):
                 continue
             pose, hz = _oldest(passed), rate()

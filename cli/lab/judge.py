@@ -28,6 +28,7 @@ from quadctl.services.campaign.mission import mission as random_mission
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.executor import HAS_BLOCKED
 from quadctl.services.runtime.params.load import check, read
 from quadctl.services.runtime.process_table import QUICK, table
 from quadctl.services.runtime.procfs import has_ended
@@ -93,7 +94,7 @@ class Witness:
         self.states: list[SafetyState] = []
         self.readings: list[Pressure] = []
         self.setpoints: list[Setpoint] = []
-        self._boot, self._end, self._count = boot, end + _SLACK, 0
+        self._boot, self._end, self._count = boot, end, 0
 
     def add(self, message: Pose | SafetyState | Pressure | Setpoint) -> None:
         """Take a message; raise QuadctlError for a pose that is missing or not from dynamics."""
@@ -101,12 +102,12 @@ class Witness:
             if message.boot == self._boot:
                 self._add(message)
         elif isinstance(message, SafetyState):
-            if message.boot == self._boot and message.stamp <= self._end:
+            if message.boot == self._boot and message.stamp <= self._end + _SLACK:
                 self.states.append(message)
         elif isinstance(message, Setpoint):
             if message.boot == self._boot:
                 self.setpoints.append(message)
-        elif message.stamp <= self._end:
+        elif message.stamp <= self._end + _SLACK:
             # A reading has no boot: those of its time or later belong to the one before.
             while self.readings and self.readings[-1].stamp >= message.stamp:
                 self.readings.pop()
@@ -114,7 +115,7 @@ class Witness:
 
     def check(self, _values: Mapping[str, Any], _changes: Iterable[Any]) -> None:
         """Raise QuadctlError if the flight has not reached its end."""
-        if self.stamp < self._end - 2 * _SLACK:
+        if self.stamp < self._end - _SLACK:
             raise QuadctlError(f"the flight ended at {self.stamp:g} s of {self._end:g} s")
 
     def _add(self, pose: Pose) -> None:
@@ -129,7 +130,7 @@ class Witness:
             )
         self.stamp, self._count = pose.stamp, count + 1
         # The vehicle flies on until the last node has reached the end: how far is chance.
-        if pose.stamp <= self._end:
+        if pose.stamp <= self._end + _SLACK:
             self.poses.append(pose)
 
 
@@ -248,8 +249,6 @@ def _fly_row(
     return RowResult.of(row, verdict)
 
 
-_HAS_BLOCKED = " has not returned for "
-"""Part of the line that a node of a student logs of a handler or loop that blocks."""
 _FRAME = re.compile(r'\s+File "(.+)", line (\d+)')
 _ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
 
@@ -320,7 +319,7 @@ class _StudentNode:
 
     def blocked(self) -> str:
         """Return which handler or loop has not returned since the row began, empty if all have."""
-        lines = [line for line in self._lines() if _HAS_BLOCKED in line]
+        lines = [line for line in self._lines() if HAS_BLOCKED in line]
         return f"{self._name} is blocked: {lines[-1]}" if lines else ""
 
     def explained(self, problem: QuadctlError) -> str:
@@ -334,10 +333,10 @@ class _StudentNode:
             time.sleep(_LOOK)
         if crash:
             return crash
-        error = self._error()
-        first = [self.blocked() or (f"{self._name} failed: {error}" if error else "")]
-        first = [line for line in first if line]
-        return "\n".join((*first, problem.message, *self._last_lines()))
+        cause = self.blocked()
+        if not cause and (error := self._error()):
+            cause = f"{self._name} failed: {error}"
+        return "\n".join((*filter(None, [cause]), problem.message, *self._last_lines()))
 
     def _record(self) -> ProcessRecord:
         run = run_files.read(self._realm)

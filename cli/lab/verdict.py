@@ -132,22 +132,31 @@ def _wrong_refusal(flown: FlownMission, outcome: Outcome) -> str:
 def _flown_all_the_same(flown: FlownMission, outcome: Outcome) -> str:
     """Return that a refused goal was published as a setpoint; empty if it was not."""
     goal = goal_of(outcome.step)
+    if any(each.accepted and dist(goal_of(each.step), goal) < _SAME for each in gotos(flown)):
+        return ""
     for setpoint in flown.setpoints:
-        if dist(astuple(setpoint.position), goal) < _SAME and not any(
-            each.accepted and dist(goal_of(each.step), goal) < _SAME for each in gotos(flown)
-        ):
+        if dist(astuple(setpoint.position), goal) < _SAME:
             return f"was refused, but input/position had it, for pose {setpoint.for_seq}"
     return ""
 
 
 def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    first, *_, outcome = (gotos(flown)[0], *gotos(flown))
-    for each in (first, outcome):
-        if not each.accepted and (each is outcome or permits(flown, each)):
-            return RowVerdict(False, f"{each.step}: {_refusal(each)}")
+    if fault := _refused_from_the_first(flown):
+        return RowVerdict(False, fault)
+    outcome = gotos(flown)[-1]
+    if not outcome.accepted:
+        return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
     if fault := _wrong_flight(flown, outcome):
         return RowVerdict(False, f"{outcome.step}: {fault}")
     return _there(row, flown, outcome)
+
+
+def _refused_from_the_first(flown: FlownMission) -> str:
+    """Return that the first goal was refused, which the cage permits; empty if it was not."""
+    for first in gotos(flown)[:1]:
+        if not first.accepted and permits(flown, first):
+            return f"{first.step}: {_refusal(first)}"
+    return ""
 
 
 def _there(row: RubricRow, flown: FlownMission, outcome: Outcome) -> RowVerdict:
@@ -255,9 +264,8 @@ def _stays_inside(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 
 def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    first = next(iter(gotos(flown)), None)
-    if first is not None and not first.accepted and permits(flown, first):
-        return RowVerdict(False, f"{first.step}: {_refusal(first)}")
+    if fault := _refused_from_the_first(flown):
+        return RowVerdict(False, fault)
     for step, reply, problem in flown.outcomes:
         service, _ = step.call()
         if row.service and service.name != row.service:

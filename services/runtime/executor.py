@@ -252,6 +252,8 @@ def _fail(error: BaseException) -> None:
 
 _BLOCKED = 2.0
 """Seconds after which a handler counts as blocked; a supervisor then restarts its process."""
+HAS_BLOCKED = "has not returned for"
+"""Words about a handler or loop that blocks, by which its line in a log is found."""
 _OURS = os.path.dirname(os.path.dirname(__file__))  # noqa: PTH120 - pathlib is slow
 _NOT_THEIRS = tuple({sysconfig.get_path(name) for name in ("stdlib", "platlib", "purelib")})
 
@@ -338,7 +340,7 @@ class MultiNodeExecutor:
                 if since and since != named and time.monotonic() > since + _BLOCKED:
                     named = since
                     place = _place(sys._current_frames().get(thread))  # noqa: SLF001 - the only way
-                    warn(f"{place} has not returned for {_BLOCKED:g} s: nothing else is answered")
+                    warn(f"{place} {HAS_BLOCKED} {_BLOCKED:g} s: nothing else is answered")
 
     def _run_node(self, run: Callable[[], None]) -> None:
         try:

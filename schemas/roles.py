@@ -97,6 +97,7 @@ _FLIES: Rights = {
     **_WATCHES,
     "announce": (*_OWN_NODES, *_BRIDGE_NODES, _RECORDERS),
 }
+_READS_PARAMS = tuple(_name(get_params(node)) for node in (*ROUTERS, *_NODES))
 _ALL = ("**", "@call/**", "@srv/**")
 _ALL_NODES = ("@node/**", *(f"@node/*{offer}" for offer in _OFFERS))
 
@@ -121,7 +122,7 @@ ROLES: dict[Role, Rights] = {
     "student": {
         "call": (
             *(_name(service) for service in (GOTO, HOLD, CALIBRATE, RESET)),
-            *(_name(get_params(node)) for node in (*ROUTERS, *_NODES)),
+            *_READS_PARAMS,
             _OWN_SERVICES,
         ),
         **_FLIES,
@@ -136,9 +137,19 @@ PUBLIC: Rights = {
 that the system is there."""
 
 
+def rights_of(node: str) -> Rights:
+    """Return the rights of a node alone: to offer what it offers, and to watch and read all else."""
+    return {**_runs(node), "call": (*_READS_PARAMS, _OWN_SERVICES)}
+
+
 def keys(role: Role, vehicles: Sequence[str], right: Right) -> list[str]:
     """Return the key expressions that a role has a right to, for its vehicles."""
-    names = ROLES[role].get(right, ())
+    return patterns(ROLES[role], vehicles, right)
+
+
+def patterns(rights: Rights, vehicles: Sequence[str], right: Right) -> list[str]:
+    """Return the key expressions of one right, for the vehicles of its holder."""
+    names = rights.get(right, ())
     # For all vehicles, `**` alone also permits a subscription to everything.
     own = [
         name if (vehicle, name) == (EVERY, "**") else f"{vehicle}/{name}"
@@ -151,3 +162,8 @@ def keys(role: Role, vehicles: Sequence[str], right: Right) -> list[str]:
 def may(role: Role, vehicles: Sequence[str], right: Right, key: str) -> bool:
     """Return whether a role has a right to a key, or to all keys of an expression."""
     return any(includes(pattern, key) for pattern in keys(role, vehicles, right))
+
+
+def node_may(node: str, right: Right, key: str) -> bool:
+    """Return whether a node that has the rights of its name alone has a right to a key."""
+    return any(includes(pattern, key) for pattern in patterns(rights_of(node), [EVERY], right))

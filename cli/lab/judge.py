@@ -187,7 +187,7 @@ def fly(
         own = replace(params, processes={node: wrap(Realm(name), nodes[node])})
         file = record if key == longest else ""
         idle = ["pressure"] if node == "safety" else []  # no row about safety reads the barometer
-        launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True)
+        launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True, guarded=True)
         yield from _fly_run(launch, rows, node, until)
 
 

@@ -226,8 +226,12 @@ def _link(path: Path, root: Path) -> None:
 
 
 def _copy_realm(realm: Path, own: Path, spec: dict[str, Any]) -> None:
-    """Copy the run's parameters, and show its hub's socket."""
+    """Copy the run's parameters and the node's address, and show its hub's socket."""
     own.mkdir(parents=True, mode=0o700)
+    seen = Path("/", own.relative_to(spec["root"])) if spec["namespaces"] else own
+    for address in realm.glob("*.hub.json"):
+        text = address.read_text("utf-8").replace(f"{realm}/", f"{seen}/")
+        (own / address.name).write_text(text, "utf-8")
     if (realm / "params").is_dir():
         shutil.copytree(realm / "params", own / "params")
     socket, shown = realm / "hub.sock", own / "hub.sock"

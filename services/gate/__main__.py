@@ -14,14 +14,10 @@ from quadctl.services.runtime.bus.session import Address, free_port
 from quadctl.services.runtime.entry import ReopenSession, start
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.security.access_control import (
-    Group,
-    NameList,
-    groups,
-    identity_for,
-)
+from quadctl.services.runtime.security.access_control import Group, groups, identity_for
 from quadctl.services.runtime.security.endpoints import secure
 from quadctl.services.runtime.security.identity import Name
+from quadctl.services.runtime.security.registry import NameList
 
 if TYPE_CHECKING:
     from quadctl.services.gate.door import Door

@@ -95,7 +95,7 @@ def _run(
         for vehicle in fleet:
             path = realm.folder / f"{vehicle}.{name}.lock"
             held.enter_context(FileLock(path, f"the node {name}"))
-        address = session.address_of(realm, options.connect)
+        address = session.address_of(realm, options.connect, name)
         _check_role(address.endpoint, name, list(fleet))
         opening = opening or _open_client
         ending, again, patience = ShutdownEvent(), True, 0.0
@@ -106,9 +106,10 @@ def _run(
                     # With certificates, a question about all vehicles has no answer.
                     few = len(fleet) == 1 or is_secure(address.endpoint)
                     present = liveliness.present(opened, fleet if few else ["*"])
+                    guarded = address.user == name
                     executor = _executor_of(
                         name, run, fleet, opened, realm, present, options.connect,
-                        keeps_time=keeps_time,
+                        keeps_time=keeps_time, guarded=guarded,
                     )  # fmt: skip
                 except AlreadyServed:
                     # Distant hubs may still list our own previous session as alive.
@@ -150,6 +151,7 @@ def _executor_of(
     connect: str,
     *,
     keeps_time: bool,
+    guarded: bool,
 ) -> MultiNodeExecutor:
     """Return an executor with the service of every vehicle, ready to run."""
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
@@ -161,7 +163,7 @@ def _executor_of(
         node = Node(
             name, vehicle, opened, own, present=present, restarted=restarted,
             reference_params=like, single=single, connect=connect,
-            lockstep=params.dynamics.in_lockstep, keeps_time=keeps_time,
+            lockstep=params.dynamics.in_lockstep, keeps_time=keeps_time, guarded=guarded,
         )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from quadctl.schemas import keyexpr
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import Params
+from quadctl.schemas.roles import Right
 from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT, Service, Topic, period
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import ServiceClient
@@ -50,7 +51,8 @@ class Node:
     The node then follows simulated time, by the poses; with `keeps_time` it advances it itself, and its
     ticks are those of the machine.
     `present`: what else is there, if it has been asked for the process's vehicles together.
-    `connect`: the hub's endpoint if it is not the realm's own.
+    `connect`: the hub's endpoint if it is not the realm's own. `guarded`: the hub lets it do no more
+    than its name stands for.
     Raises AlreadyServed when another process is this node.
     """
 
@@ -68,8 +70,9 @@ class Node:
         lockstep: bool = False,
         keeps_time: bool = False,
         connect: str = "",
+        guarded: bool = False,
     ) -> None:
-        self._connect = connect
+        self._connect, self._guarded = connect, guarded
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
         self._lockstep = lockstep
@@ -107,9 +110,11 @@ class Node:
         """Declare a topic, at its own rate or at `hz()` now and after each change of parameters.
 
         With `together`, messages of several vehicles go out when all that are due have run: an
-        answer to the first would else interrupt the others.
+        answer to the first would else interrupt the others. Raises NotAllowed if a guarded node may
+        not publish the topic.
         """
         key = topic.key(self.vehicle)
+        self._check("publish", key)
         self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
         defer = self.executor.defer if together and not self.single else None
         publisher = Publisher(self._session, key, topic, waits=self._lockstep, defer=defer)
@@ -182,12 +187,14 @@ class Node:
     def client(self, service: Service[Q, R]) -> ServiceClient[Q, R]:
         """Return a client of another node's service; a call blocks, so make it on a thread.
 
-        Raises NotAllowed if the role of our certificate does not permit the call.
+        Raises NotAllowed if the role of our certificate does not permit the call, or a guarded node
+        may not make it.
         """
         if self._connect:
             from quadctl.services.runtime.security import permissions
 
             permissions.check(self._connect, "call", service.key(self.vehicle))
+        self._check("call", service.key(self.vehicle))
         return ServiceClient(self._session, self.vehicle, service)
 
     def latest(self, topic: Topic[M], timeout: float) -> M:
@@ -200,8 +207,9 @@ class Node:
         """Serve a service; the handler runs on the node's loop and may raise a QuadctlError.
 
         With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises
-        AlreadyServed when another node serves it.
+        AlreadyServed when another node serves it, NotAllowed if a guarded node may not.
         """
+        self._check("serve", service.key(self.vehicle))
         journal = None
         if not service.reads:
             journal = CallLog(self._session, self.vehicle, service, self._schedule)
@@ -354,6 +362,12 @@ class Node:
                 self._passed.append(pose)
 
         return handle
+
+    def _check(self, right: Right, key: str) -> None:
+        if self._guarded:
+            from quadctl.services.runtime.security import permissions
+
+            permissions.check_node(self.name, right, key)
 
     def _answer_queries(
         self, key: str, answer: Callable[[zenoh.Query], None], *, inline: bool = False

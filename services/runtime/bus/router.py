@@ -25,6 +25,8 @@ _CALLS = 16
 """Batches of 64 KB of calls that may wait for a receiver: those of a mission, 5000, take 12."""
 _SHORT = 60_000
 """Most bytes of a call that fits into one batch."""
+_LARGEST_OF_STRANGERS = 2**20
+"""Most bytes of a message in a run with nodes of strangers, each of which has to be stored."""
 _OFF = struct.pack("ii", 0, 0)
 
 
@@ -60,9 +62,17 @@ def open_router(address: Address, params: "Params", realm: Realm) -> Session:
     config["listen"] = {"endpoints": [address.endpoint, *listen]}
     config["connect"] |= {"endpoints": join}
     if address.user:
-        users = realm.folder / "hub.users"
-        write_atomically(users, f"{address.user}:{address.password}\n".encode())
+        nodes, users = session.addresses_of_nodes(realm), realm.folder / "hub.users"
+        lines = (f"{each.user}:{each.password}\n" for each in (address, *nodes))
+        write_atomically(users, "".join(lines).encode())
         config["transport"]["auth"]["usrpwd"]["dictionary_file"] = str(users)
+        if nodes:
+            from quadctl.services.runtime.security import access_control
+
+            config["transport"]["link"]["rx"] = {"max_message_size": _LARGEST_OF_STRANGERS}
+            config["access_control"] = access_control.for_nodes(
+                address.user, [node.user for node in nodes]
+            )
     return _opened(config, ", ".join(listen) or "the hub")
 
 

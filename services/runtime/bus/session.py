@@ -6,6 +6,7 @@ Nothing listens on a network port by default, and multicast is off. The settings
 import contextlib
 import os
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -13,7 +14,7 @@ import zenoh
 from msgspec import Struct
 
 from quadctl.services.runtime.errors import NotAllowed, TimedOut, Unreachable
-from quadctl.services.runtime.realm import ADDRESS, Realm
+from quadctl.services.runtime.realm import ADDRESS, Realm, write_atomically
 from quadctl.services.runtime.run_files import is_live, not_running
 from quadctl.services.runtime.security import endpoints
 from quadctl.services.runtime.security.endpoints import check, how_to_open, is_secure
@@ -55,9 +56,11 @@ LEASE_PATIENT_MS = 20_000
 
 
 class Address(Struct, frozen=True):
-    """Endpoint of a realm's hub; user and password only if it listens on a port.
+    """Endpoint of a realm's hub; user and password only if it asks for them.
 
-    `lease_ms`: milliseconds of silence after which a hub counts as gone, and half of a client's.
+    It does so on a port, and if a node has an address of its own: that node's name is the user, and
+    its rights are those of the name. `lease_ms`: milliseconds of silence after which a hub counts as
+    gone, and half of a client's.
     """
 
     endpoint: str
@@ -76,15 +79,33 @@ def free_port() -> int:
         return port
 
 
-def address_of(realm: Realm, connect: str = "") -> Address:
-    """Return the endpoint of `--connect` if given, else the address in the realm's folder."""
+def address_of(realm: Realm, connect: str = "", node: str = "") -> Address:
+    """Return the endpoint of `--connect` if given, else the address in the realm's folder.
+
+    That is the node's own, if it has one.
+    """
     if connect:
         return Address(connect)
-    try:
-        with open(f"{realm.path}/{ADDRESS}", "rb") as file:  # noqa: PTH123 - pathlib takes 5 ms
+    for name in (f"{node}.{ADDRESS}", ADDRESS):
+        with (
+            contextlib.suppress(FileNotFoundError),
+            open(f"{realm.path}/{name}", "rb") as file,  # noqa: PTH123 - pathlib takes 5 ms
+        ):
             return msgspec.json.decode(file.read(), type=Address)
-    except FileNotFoundError:
-        return Address(realm.endpoint)
+    return Address(realm.endpoint)
+
+
+def addresses_of_nodes(realm: Realm) -> list[Address]:
+    """Return the addresses of the nodes that have one of their own."""
+    files = realm.folder.glob(f"*.{ADDRESS}")
+    return [msgspec.json.decode(file.read_bytes(), type=Address) for file in files]
+
+
+def write_addresses(realm: Realm, address: Address, nodes: Sequence[Address]) -> None:
+    """Write the address of a realm's hub, and those of nodes with one of their own."""
+    for node in nodes:
+        write_atomically(realm.folder / f"{node.user}.{ADDRESS}", msgspec.json.encode(node))
+    write_atomically(realm.address, msgspec.json.encode(address))
 
 
 def open_client(

@@ -1,4 +1,4 @@
-"""Zenoh's access control from roles and the list of names, and the watch on that list.
+"""Zenoh's access control, from roles and the list of names, or from nodes.
 
 Everything not listed is denied, and no rule relies on a denial: a rule counts only if its key
 covers all of the message's, so a denial of `uav/input/position` would miss a message put on
@@ -11,11 +11,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from quadctl.schemas.roles import EVERY, ROLES, Right, Role, keys
+from quadctl.schemas.roles import EVERY, ROLES, Right, Rights, Role, patterns, rights_of
 from quadctl.services.runtime.errors import UsageError
-from quadctl.services.runtime.security import registry
 from quadctl.services.runtime.security.identity import Identity, Name, needed
-from quadctl.services.runtime.security.registry import LIST
 
 _FROM: dict[Right, list[str]] = {
     "publish": ["put"],
@@ -76,61 +74,83 @@ def access_control(names: Iterable[Name], now: float, link: str) -> dict[str, An
     """
     members = groups(names, now)
     named = {vehicle for _, vehicles in members for vehicle in vehicles}
-    everything = [*_MESSAGES, *_LIVELINESS]
-    rules = [_rule("own", flow, everything, _EVERYWHERE) for flow in ("ingress", "egress")]
-    subjects: list[dict[str, Any]] = [{"id": "own", "link_protocols": [link]}]
-    policies = [{"rules": [rule["id"] for rule in rules], "subjects": ["own"]}]
+    granted = [_everything({"link_protocols": [link]})]
     for (role, vehicles), certificates in members.items():
         subject = f"{role} of {' '.join(vehicles)}"
-        own = [*_granted(subject, role, vehicles)]
-        own += _denied(subject, vehicles, named - {EVERY, *vehicles})
-        rules += own
+        rules = [*_granted(subject, ROLES[role], vehicles)]
+        if role == "hub" and EVERY not in vehicles:
+            # The clients of that hub may subscribe to all vehicles, but receive only those of the hub.
+            rules.append(_rule(f"{subject} listens", "ingress", ["declare_subscriber"], ["**"]))
+        rules += _denied(subject, vehicles, named - {EVERY, *vehicles})
         ours = member(role, vehicles, now).common_name
-        subjects.append({"id": subject, "cert_common_names": [*certificates, ours]})
-        policies.append({"rules": [rule["id"] for rule in own], "subjects": [subject]})
+        granted.append(({"id": subject, "cert_common_names": [*certificates, ours]}, rules))
+    return _configured(granted)
+
+
+def for_nodes(user: str, nodes: Iterable[str]) -> dict[str, Any]:
+    """Return Zenoh's `access_control` for a hub of users: `user` may do all, each node its own part."""
+    granted = [_everything({"usernames": [user]})]
+    granted += [
+        ({"id": node, "usernames": [node]}, [*_granted(node, rights_of(node), [EVERY])])
+        for node in nodes
+    ]
+    return _configured(granted)
+
+
+_Granted = tuple[dict[str, Any], list[dict[str, Any]]]
+"""Subject, and the rules that apply to it."""
+
+
+def _configured(granted: Sequence[_Granted]) -> dict[str, Any]:
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
-        "subjects": subjects,
-        "policies": policies,
+        "rules": [rule for _, rules in granted for rule in rules],
+        "subjects": [subject for subject, _ in granted],
+        "policies": [
+            {"rules": [rule["id"] for rule in rules], "subjects": [subject["id"]]}
+            for subject, rules in granted
+        ],
     }
 
 
-def _granted(subject: str, role: Role, vehicles: Sequence[str]) -> Iterable[dict[str, Any]]:
+def _everything(holder: dict[str, Any]) -> _Granted:
+    messages = [*_MESSAGES, *_LIVELINESS]
+    rules = [_rule("own", flow, messages, _EVERYWHERE) for flow in ("ingress", "egress")]
+    return {"id": "own", **holder}, rules
+
+
+def _granted(subject: str, rights: Rights, vehicles: Sequence[str]) -> Iterable[dict[str, Any]]:
     for flow, side in (("ingress", _FROM), ("egress", _TO)):
         for right, messages in side.items():
-            if patterns := keys(role, vehicles, right):
-                yield _rule(f"{subject} {right}", flow, messages, patterns)
+            if keys := patterns(rights, vehicles, right):
+                yield _rule(f"{subject} {right}", flow, messages, keys)
     yield _rule(f"{subject} asks", "ingress", _LIVELINESS, _ROLL)
     # A subscriber or query comes with its own pattern, which may be wider than the subject's keys.
-    if keys(role, vehicles, "publish"):
+    if patterns(rights, vehicles, "publish"):
         yield _rule(f"{subject} sees subscribers", "egress", ["declare_subscriber"], _EVERYWHERE)
-    if keys(role, vehicles, "announce"):
+    if patterns(rights, vehicles, "announce"):
         yield _rule(f"{subject} sees queries", "egress", _LIVELINESS, _EVERYWHERE)
-    if role == "hub" and EVERY not in vehicles:
-        # The clients of that hub may subscribe to all vehicles, but receive only those of the hub.
-        yield _rule(f"{subject} listens", "ingress", ["declare_subscriber"], ["**"])
 
 
 def _denied(subject: str, vehicles: Sequence[str], others: Iterable[str]) -> list[dict[str, Any]]:
     # Without this, each of thirty hubs would receive the subscriptions of all others; and a client
     # that publishes to another hub's vehicle would see a subscriber, but no message gets there.
-    patterns = [f"{other}/{name}" for other in others for name in ("**", "@call/**")]
-    if EVERY in vehicles or not patterns:
+    keys = [f"{other}/{name}" for other in others for name in ("**", "@call/**")]
+    if EVERY in vehicles or not keys:
         return []
-    return [_rule(f"{subject} not for others", "egress", ["declare_subscriber"], patterns, "deny")]
+    return [_rule(f"{subject} not for others", "egress", ["declare_subscriber"], keys, "deny")]
 
 
 def _rule(
-    about: str, flow: str, messages: list[str], patterns: list[str], permission: str = "allow"
+    about: str, flow: str, messages: list[str], keys: list[str], permission: str = "allow"
 ) -> dict[str, Any]:
     return {
         "id": f"{about} {flow}",
         "permission": permission,
         "flows": [flow],
         "messages": messages,
-        "key_exprs": sorted(set(patterns)),
+        "key_exprs": sorted(set(keys)),
     }
 
 
@@ -148,22 +168,8 @@ def identity_for(endpoints: Sequence[str]) -> Identity:
 
 def rules(identity: Identity, link: str) -> dict[str, Any]:
     """Return Zenoh's access control for the current list of names; `link` is our hub's protocol."""
+    from quadctl.services.runtime.security import (
+        registry,  # imports cryptography, which takes 60 ms
+    )
+
     return access_control(registry.load(Path(identity.folder)), time.time(), link)
-
-
-class NameList:
-    """List of names in a folder, read again when its file changes."""
-
-    def __init__(self, folder: str) -> None:
-        self._folder, self._seen = Path(folder), b""
-
-    def changed(self) -> list[Name] | None:
-        """Return the list at first and after each change, else None; raises as registry.load."""
-        try:
-            now = (self._folder / LIST).read_bytes()
-        except FileNotFoundError:
-            now = b""
-        if now == self._seen:
-            return None
-        self._seen = now
-        return registry.load(self._folder)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import zenoh
 
 from quadctl.schemas import keyexpr
-from quadctl.schemas.roles import Right, keys, may
+from quadctl.schemas.roles import Right, keys, may, node_may
 from quadctl.schemas.topics import INFO
 from quadctl.services.runtime.errors import (
     NotAllowed,
@@ -120,6 +120,15 @@ def check(connect: str, right: Right, *expressions: str) -> None:
                 f" {_TO.get(right, right)} {key} (your certificate {name.common_name})",
                 _alternative(name, right),
             )
+
+
+def check_node(node: str, right: Right, key: str) -> None:
+    """Raise NotAllowed if a node with the rights of its name alone lacks one to a key."""
+    if not node_may(node, right, key):
+        raise NotAllowed(
+            f"not allowed: {node} may not {_TO.get(right, right)} {key}",
+            f"in this run it may offer what is {node}'s own, and read all else",
+        )
 
 
 def everything(connect: str) -> list[str]:

@@ -130,3 +130,21 @@ class Registry:
     def _lock(self) -> FileLock:
         self.names()
         return FileLock(self._folder / ".lock", f"the fleet {self._folder}")
+
+
+class NameList:
+    """List of names in a folder, read again when its file changes."""
+
+    def __init__(self, folder: str) -> None:
+        self._folder, self._seen = Path(folder), b""
+
+    def changed(self) -> list[Name] | None:
+        """Return the list at first and after each change, else None; raises as `load`."""
+        try:
+            now = (self._folder / LIST).read_bytes()
+        except FileNotFoundError:
+            now = b""
+        if now == self._seen:
+            return None
+        self._seen = now
+        return load(self._folder)

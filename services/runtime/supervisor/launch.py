@@ -11,18 +11,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
 from quadctl.schemas.params import Params
 from quadctl.services.runtime import run_files
-from quadctl.services.runtime.bus.session import LEASE_PATIENT_MS, Address, free_port
+from quadctl.services.runtime.bus.session import (
+    LEASE_PATIENT_MS,
+    Address,
+    free_port,
+    write_addresses,
+)
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.params import live
 from quadctl.services.runtime.process_table import Process, table
-from quadctl.services.runtime.realm import Realm, write_atomically
+from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 from quadctl.services.runtime.security import endpoints
 from quadctl.services.runtime.supervisor import logs
@@ -38,7 +42,8 @@ class Launch(Struct, frozen=True):
     `bridges` names bridges to other networks, see BRIDGES.
     `insecure` allows plain endpoints beyond this machine. An `owned` run ends with its starter. In
     a `patient` run, which flies in lock-step, a process may be silent for long: on a busy machine
-    a flight then takes longer, and is the same.
+    a flight then takes longer, and is the same. In a `guarded` run a `[processes]` command has the
+    rights of the node that it replaces, and no more.
     """
 
     realm: str
@@ -49,6 +54,7 @@ class Launch(Struct, frozen=True):
     insecure: bool = False
     owned: bool = False
     patient: bool = False
+    guarded: bool = False
     bridges: tuple[str, ...] = ()
 
     @property
@@ -155,7 +161,11 @@ def choose_address(realm: Realm, transport: str) -> Address:
     unix = hasattr(socket, "AF_UNIX") and sys.platform != "win32"
     if transport == "unix" or (transport == "auto" and unix):
         return Address(realm.endpoint)
-    return Address(f"tcp/127.0.0.1:{free_port()}", secrets.token_hex(8), secrets.token_hex(16))
+    return _with_password(Address(f"tcp/127.0.0.1:{free_port()}"), secrets.token_hex(8))
+
+
+def _with_password(address: Address, user: str) -> Address:
+    return replace(address, user=user, password=secrets.token_hex(16))
 
 
 class RunDirectory:
@@ -167,6 +177,7 @@ class RunDirectory:
     def __init__(self, launch: Launch) -> None:
         self.realm, self._launch = Realm(launch.realm), launch
         self._lock: FileLock
+        self._guarded: list[Address] = []
         self._is_held = self._lost = self.keeps_logs = False
 
     def write(self, rows: list[ProcessRecord]) -> None:
@@ -214,6 +225,11 @@ class RunDirectory:
             self.address = choose_address(self.realm, self._launch.params.hub.transport)
             if self._launch.patient:
                 self.address = replace(self.address, lease_ms=LEASE_PATIENT_MS)
+            if self._launch.guarded:
+                self.address = _with_password(self.address, secrets.token_hex(8))
+                self._guarded = [
+                    _with_password(self.address, name) for name in self._launch.params.processes
+                ]
             logs.probe(self.realm.folder)
             self._write_files()
         except OSError as error:
@@ -224,7 +240,7 @@ class RunDirectory:
 
     def _write_files(self) -> None:
         live.save_all_values(self.realm, self._launch.fleet)
-        write_atomically(self.realm.address, msgspec.json.encode(self.address))
+        write_addresses(self.realm, self.address, self._guarded)
 
     def __enter__(self) -> Self:
         try:

@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 
-from quadctl.schemas.roles import ROLES, Right, Role, may
+from quadctl.schemas.roles import ROLES, Right, Role, may, node_may
 from quadctl.schemas.topics import SERVICES, TOPICS, get_params, set_params
 
 NODES = ("dynamics", "pressure", "safety")
@@ -97,3 +97,21 @@ def test_users_have_their_own_place_for_nodes_and_topics(role: Role):
     }
     for offer, fits in offers.items():
         assert may(role, ["uav7"], "announce", f"uav7/@node/own-camera/{offer}") is fits
+
+
+@pytest.mark.parametrize("node", ["safety", "pressure"])
+def test_a_guarded_node_has_the_rights_of_its_name_alone(node: str):
+    topics = {topic.name: topic.node for topic in TOPICS}
+    services = {service.name: service.node for service in SERVICES}
+    services |= {of(name).name: name for name in NODES for of in (get_params, set_params)}
+    for name, owner in topics.items():
+        assert node_may(node, "publish", f"uav7/{name}") is (owner == node), name
+        assert node_may(node, "listen", f"uav7/{name}"), name
+    for name, owner in services.items():
+        reads = name.endswith("/get_params")
+        assert node_may(node, "serve", f"uav7/@srv/{name}") is (owner == node), name
+        assert node_may(node, "call", f"uav7/@srv/{name}") is reads, name
+    for name in NODES:
+        assert node_may(node, "announce", f"uav7/@node/{name}") is (name == node)
+    for key in ("uav7/own/x", "uav7/@call/dynamics/set_params", "uav7/@call/reset", "uav7/*"):
+        assert node_may(node, "publish", key) is (key == "uav7/own/x")

@@ -7,9 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadctl.schemas.keyexpr import includes
-from quadctl.schemas.roles import ROLES, Right, Role, may
+from quadctl.schemas.roles import ROLES, Right, Role, may, node_may
 from quadctl.schemas.topics import SERVICES, TOPICS
-from quadctl.services.runtime.security.access_control import access_control, groups, member
+from quadctl.services.runtime.security.access_control import (
+    access_control,
+    for_nodes,
+    groups,
+    member,
+)
 from quadctl.services.runtime.security.identity import Name
 
 NOW = 1_000.0
@@ -50,7 +55,8 @@ def passes(config: dict[str, Any], who: dict[str, str], flow: str, message: str,
         subject["id"]
         for subject in config["subjects"]
         if who.get("cert", "") in subject.get("cert_common_names", [who.get("cert", "")])
-        and who["link"] in subject.get("link_protocols", [who["link"]])
+        and who.get("link", "") in subject.get("link_protocols", [who.get("link", "")])
+        and who.get("user", "") in subject.get("usernames", [who.get("user", "")])
     }
     wanted = {
         rule
@@ -82,6 +88,18 @@ def test_the_rules_allow_exactly_the_rights_of_a_role(holder: Name, key: str):
             if not asks:
                 assert passes(config, who, flow, message, key) == due, (flow, message)
     assert not passes(config, who, "ingress", "delete", key)
+
+
+@given(st.sampled_from(["safety", "pressure"]), KEYS)
+def test_a_user_that_is_a_node_has_the_rights_of_its_name(node: str, key: str):
+    config = for_nodes("us", ["safety", "pressure"])
+    for flow, table in (("ingress", INCOMING), ("egress", OUTGOING)):
+        for message, rights in table.items():
+            due = any(node_may(node, right, key) for right in rights)
+            assert passes(config, {"user": node}, flow, message, key) == due, (flow, message)
+            ours = "@adv" not in key
+            assert passes(config, {"user": "us"}, flow, message, key) is ours, (flow, message)
+            assert not passes(config, {"user": "other"}, flow, message, key)
 
 
 @given(HOLDERS, KEYS, st.sampled_from([*INCOMING, *OUTGOING, "delete", "liveliness_query"]))

@@ -13,9 +13,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from quadctl.schemas.roles import ROLES
 from quadctl.services.runtime.errors import Invalid, NotAllowed, UsageError
 from quadctl.services.runtime.security import registry
-from quadctl.services.runtime.security.access_control import NameList, identity_for, rules
+from quadctl.services.runtime.security.access_control import identity_for, rules
 from quadctl.services.runtime.security.identity import VARIABLE, Identity, current, needed
-from quadctl.services.runtime.security.registry import Registry
+from quadctl.services.runtime.security.registry import NameList, Registry
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ _END = 10.0
 class GradingJob(Struct, frozen=True):
     """Hand-in to be flown: folder, one for its copies, commands of its nodes, rubric's tables, limits.
 
-    `machine` has the means to shut it in.
+    `machine` has the means to shut it in, `group` is its control group or empty.
     """
 
     folder: str
@@ -46,6 +46,7 @@ class GradingJob(Struct, frozen=True):
     tables: dict[str, Any]
     limits: Limits
     machine: Machine
+    group: str
 
 
 def grade(
@@ -63,11 +64,14 @@ def grade(
     def one(submission: Path) -> Grade:
         began, why = time.monotonic(), ""
         try:
-            with tempfile.TemporaryDirectory(prefix="quadctl-lab-") as own:
+            with (
+                tempfile.TemporaryDirectory(prefix="quadctl-lab-") as own,
+                machine.control_group(limits) as group,
+            ):
                 folder, root = _unpacked(submission, Path(own, "handin")), Path(own, "root")
                 root.mkdir(mode=0o700)
                 nodes = nodes_in(folder)
-                job = GradingJob(str(folder), str(root), nodes, tables, limits, machine)
+                job = GradingJob(str(folder), str(root), nodes, tables, limits, machine, group)
                 results = _flown(job, made)
             if any(each.output == NOT_FLOWN for each in results):
                 why = f"it took more than {limits.wall:g} s here; grade it again, with a larger --wall"
@@ -185,7 +189,7 @@ def main() -> None:
     folder, root = Path(job.folder), Path(job.root)
 
     def wrap(realm: Realm, command: list[str]) -> list[str]:
-        return job.machine.shut_in(command, folder, realm.folder, root, job.limits)
+        return job.machine.shut_in(command, folder, realm.folder, root, job.limits, job.group)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the grader ends us
     made = rubric(job.tables, "the rubric")

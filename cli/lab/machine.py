@@ -2,16 +2,20 @@
 
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
 import sysconfig
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from secrets import token_hex
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.realm import Realm
@@ -22,6 +26,10 @@ _LEAVES_A_CHILD = "import os, time, quadctl; os.fork() or time.sleep(5)"
 """Program for a trial: it has to find Python and quadctl, and its child has to end with it."""
 _TRIAL = 30.0
 """Seconds that it may take."""
+_CONTROL = Path("/sys/fs/cgroup")
+"""Control groups, version 2."""
+_ENDING = 2.0
+"""Seconds until killed processes have ended."""
 
 
 class Limits(Struct, frozen=True):
@@ -40,13 +48,15 @@ class Limits(Struct, frozen=True):
 class Machine(Struct, frozen=True):
     """Means of a machine: namespaces, another user for each node, the version of Landlock or 0.
 
-    `lacks`: why there are no namespaces. With them a hand-in is shut in completely.
+    `lacks`: why there are no namespaces. With them a hand-in is shut in completely. `groups`: folder in
+    which a control group for a hand-in can be made; without one its memory is counted.
     """
 
     namespaces: bool = False
     user: bool = False
     landlock: int = 0
     lacks: str = ""
+    groups: str = ""
 
     def gaps(self) -> str:
         """Return what a hand-in could do here all the same, empty if it is shut in completely."""
@@ -62,12 +72,44 @@ class Machine(Struct, frozen=True):
             found.append(f"reach {'or end ' if self.landlock < 6 else ''}your programs")
         return ", ".join(found)
 
+    @contextmanager
+    def control_group(self, limits: Limits) -> Iterator[str]:
+        """Make a control group for one node at a time, and end what is in it with the block; yield its folder.
+
+        Without one it is empty.
+        """
+        if not self.groups:
+            yield ""
+            return
+        group = Path(self.groups, f"quadctl-lab-{token_hex(8)}")
+        group.mkdir()
+        try:
+            for name, value in (
+                ("memory.max", limits.memory << 20),
+                ("memory.swap.max", 0),
+                ("memory.oom.group", 1),
+                ("pids.max", limits.processes),
+            ):
+                # A kernel may have no swap.
+                if (group / name).exists():
+                    (group / name).write_text(str(value), "ascii")
+            yield str(group)
+        finally:
+            _remove(group)
+
     def shut_in(
-        self, command: list[str], folder: Path, realm: Path, root: Path, limits: Limits
+        self,
+        command: list[str],
+        folder: Path,
+        realm: Path,
+        root: Path,
+        limits: Limits,
+        group: str = "",
     ) -> list[str]:
         """Return the words that run a node's command on a copy of its folder, shut in.
 
-        `root` is an empty folder for it, in one that holds nothing which others may read.
+        `root` is an empty folder for it, in one that holds nothing which others may read. `group` is
+        its control group, if there is one.
         """
         if sys.platform != "linux":
             return command
@@ -77,12 +119,14 @@ class Machine(Struct, frozen=True):
             "namespaces": self.namespaces,
             "user": self.user,
             "landlock": self.landlock,
+            "group": group,
             "folder": str(folder),
             "root": str(root),
             "realm": str(realm),
             "shown": [sys.prefix, sys.base_prefix, *sysconfig.get_paths().values(), *ours, *parts],
             "hidden": [f"{each}/{part}" for each in ours for part in _HIDDEN],
             "listed": [os.path.dirname(each) for each in ours],  # noqa: PTH120
+            "path": os.pathsep.join((sysconfig.get_path("scripts"), os.defpath)),
             "memory": limits.memory,
             "disk": limits.disk,
             "processes": limits.processes,
@@ -117,9 +161,41 @@ def probe() -> Machine:
         for user in (True, False) if os.getuid() == 0 else (False,):
             machine = Machine(namespaces, user, sandbox.landlock(), lacks)
             if not (problem := _trial(machine)):
+                grouped = replace(machine, groups=_groups())
+                with suppress(OSError):
+                    if grouped.groups and not _trial(grouped):
+                        return grouped
                 return machine
         lacks = lacks or problem
     raise QuadctlError(f"a hand-in's node cannot be started on this machine: {problem}")
+
+
+def _groups() -> str:
+    """Return the nearest folder in which we may make control groups with limits, empty without one.
+
+    A group that has processes has no groups with limits inside it.
+    """
+    (own,) = re.findall(r"^0::/(.*)", Path("/proc/self/cgroup").read_text("utf-8"), re.MULTILINE)
+    for folder in (_CONTROL / own, *(_CONTROL / own).parents):
+        with suppress(OSError):
+            given = (folder / "cgroup.subtree_control").read_text("ascii").split()
+            if {"memory", "pids"} <= {*given} and os.access(folder, os.W_OK):
+                return str(folder)
+        if folder == _CONTROL:
+            break
+    return ""
+
+
+def _remove(group: Path) -> None:
+    """End all processes in a control group, and remove it."""
+    until = time.monotonic() + _ENDING
+    while time.monotonic() < until:
+        with suppress(OSError):  # it needs Linux 5.14; the sandbox ends all as well
+            (group / "cgroup.kill").write_text("1", "ascii")
+        with suppress(OSError):
+            group.rmdir()
+            return
+        time.sleep(_ENDING / 100)
 
 
 def _trial(machine: Machine) -> str:
@@ -130,6 +206,7 @@ def _trial(machine: Machine) -> str:
     with (
         tempfile.TemporaryDirectory(prefix="quadctl-lab-") as made,
         socket.socket(socket.AF_UNIX) as hub,
+        machine.control_group(Limits()) as group,
     ):
         folder, root = Path(made, "handin"), Path(made, "root")
         for each in (folder, root):
@@ -139,7 +216,7 @@ def _trial(machine: Machine) -> str:
         try:
             hub.bind(str(realm.socket))
             done = subprocess.run(
-                machine.shut_in(command, folder, realm.folder, root, Limits()),
+                machine.shut_in(command, folder, realm.folder, root, Limits(), group),
                 capture_output=True,
                 text=True,
                 timeout=_TRIAL,

@@ -5,6 +5,8 @@
 It sees the interpreter and a copy of its folder, and of the run only the hub's socket. Without namespaces the
 rest is there too, and as much of it is refused as Landlock and another user can refuse. It runs by
 itself, on the standard library alone: so it starts in 20 ms, and nothing of ours is loaded in it.
+
+Over 500 lines: it may import no other module of ours.
 """
 
 import ctypes
@@ -45,17 +47,22 @@ _LOOK = 0.1
 _DEVICES = ("null", "zero", "full", "random", "urandom")
 _SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "etc/ld.so.cache", "etc/alternatives")
 """Folders and files of the system, below the root, for a program to start."""
-_VARIABLES = ("QUADCTL_", "PATH", "PYTHONUNBUFFERED", "LANG", "LC_")
-"""Prefixes of environment variables that it inherits."""
+_VARIABLES = (
+    "QUADCTL_REALM", "QUADCTL_VEHICLES", "QUADCTL_VEHICLE", "QUADCTL_NODE", "QUADCTL_RESTARTS",
+    "QUADCTL_SUPERVISED", "QUADCTL_LEASH", "PYTHONUNBUFFERED",
+)  # fmt: skip
+"""Environment variables that it inherits: of those that its supervisor sets, the ones about the node."""
 
 
 def main(spec: dict[str, Any], command: list[str]) -> int:
     """Run the command in a sandbox, and return its exit code.
 
-    `spec`: means of the machine, `namespaces`, `user` and the version of `landlock`; `folder` with the hand-in,
-    `root` an empty folder in one of the grader, `realm` of the run, folders that are `shown`, `hidden` and,
-    for Python's import, `listed`; limits `memory` and `disk` in MB, `seconds` of CPU time, `processes`.
+    `spec`: means of the machine, `namespaces`, `user` and the version of `landlock`; a control `group` with the
+    limits, or an empty text; `folder` with the hand-in, `root` an empty folder in one of the grader, `realm` of the
+    run, folders that are `shown`, `hidden` and, for Python's import, `listed`; the search `path`; limits `memory` and
+    `disk` in MB, `seconds` of CPU time, `processes`.
     """
+    group = os.open(spec["group"], os.O_RDONLY) if spec["group"] else None
     user = _stranger() if spec["user"] else os.getuid()
     proc = os.open("/proc", os.O_RDONLY)
     enter = _enter_namespaces if spec["namespaces"] else _enter_folder
@@ -64,15 +71,20 @@ def main(spec: dict[str, Any], command: list[str]) -> int:
     others = 0 if spec["namespaces"] or spec["user"] else _threads(proc, user)
     child = os.fork()
     if child == 0:
+        if group is not None:
+            _join(group)
         _become(spec, command, user, base, rules, spec["processes"] + others)
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, lambda number, _frame: os.kill(child, number))
-    if spec["namespaces"]:
-        return _watch(child, proc, _in_namespace_of(child, proc), spec)
     try:
+        if group is not None:
+            return _wait(child, group, spec)
+        if spec["namespaces"]:
+            return _watch(child, proc, _in_namespace_of(child, proc), spec)
         return _watch(child, proc, lambda: _descendants(proc), spec)
     finally:
-        _end_descendants(proc)
+        if not spec["namespaces"]:
+            _end_descendants(proc)
 
 
 def landlock() -> int:
@@ -260,8 +272,10 @@ def _become(
         if spec["namespaces"]:
             # A container may forbid it; programs can do without.
             _LIBC.mount(b"proc", b"/proc", b"proc", _READ_ONLY, None)
-        environment = {k: v for k, v in os.environ.items() if k.startswith(_VARIABLES)}
+        environment = {name: os.environ[name] for name in _VARIABLES if name in os.environ}
         environment |= {
+            "PATH": spec["path"],
+            "LANG": "C.UTF-8",
             "HOME": f"{base / 'handin'}",
             "TMPDIR": f"{base / 'tmp'}",
             "XDG_RUNTIME_DIR": f"{base / 'run'}",
@@ -348,6 +362,31 @@ def _restrict(version: int, rules: Iterable[tuple[str, int]]) -> None:
     os.close(ruleset)
 
 
+def _join(group: int) -> None:
+    """Enter a control group."""
+    file = os.open("cgroup.procs", os.O_WRONLY, dir_fd=group)
+    os.write(file, b"0")
+    os.close(file)
+
+
+def _wait(child: int, group: int, spec: dict[str, Any]) -> int:
+    """Wait for the command's end; the kernel ends all in the group if they take too much memory."""
+    before = _killed(group)
+    while True:
+        ended, status = os.waitpid(-1, 0)
+        if ended == child:
+            break
+    if _killed(group) == before:
+        return os.waitstatus_to_exitcode(status) % 256
+    return _ended(f"{spec['memory']} MB of memory")
+
+
+def _killed(group: int) -> bytes:
+    """Return the count of processes that the kernel has killed for their memory."""
+    words = _read(group, "memory.events").split()
+    return words[words.index(b"oom_kill") + 1]
+
+
 def _watch(child: int, proc: int, members: Callable[[], list[int]], spec: dict[str, Any]) -> int:
     """Wait for the command's end, and end it if it and its processes are too large or too many."""
     while True:
@@ -358,15 +397,19 @@ def _watch(child: int, proc: int, members: Callable[[], list[int]], spec: dict[s
             continue
         pids = members()
         too_much = ""
-        if sum(_resident(proc, pid) for pid in pids) > spec["memory"] * _MEGABYTE:
+        if _memory(proc, pids, spec) > spec["memory"] * _MEGABYTE:
             too_much = f"{spec['memory']} MB of memory"
         elif len(pids) > spec["processes"]:
             too_much = f"{spec['processes']} processes"
         if too_much:
-            os.write(2, f"ended: more than {too_much}\n".encode())
             os.kill(child, signal.SIGKILL)
-            return 128 + signal.SIGKILL
+            return _ended(too_much)
         time.sleep(_LOOK)
+
+
+def _ended(too_much: str) -> int:
+    os.write(2, f"ended: more than {too_much}\n".encode())
+    return 128 + signal.SIGKILL
 
 
 def _in_namespace_of(child: int, proc: int) -> Callable[[], list[int]]:
@@ -429,10 +472,46 @@ def _stat(proc: int, pid: int) -> list[bytes]:
     return _read(proc, f"{pid}/stat").rpartition(b")")[2].split()
 
 
-def _resident(proc: int, pid: int) -> int:
-    """Return the bytes of a process in memory, 0 if it has ended."""
-    fields = _read(proc, f"{pid}/statm").split()
-    return int(fields[1]) * resource.getpagesize() if fields else 0
+def _memory(proc: int, pids: Iterable[int], spec: dict[str, Any]) -> int:
+    """Return the bytes of processes in memory, and of the files without a name that they hold there."""
+    total, files = 0, dict[tuple[int, int], int]()
+    for pid in pids:
+        fields = _read(proc, f"{pid}/statm").split()
+        total += int(fields[1]) * resource.getpagesize() if fields else 0
+        for path, size in (*_opened(proc, pid), *_mapped(proc, pid)):
+            try:
+                status = os.stat(path, dir_fd=proc)
+            except FileNotFoundError:
+                continue  # it is closed, or the process has ended
+            except PermissionError:
+                total += size
+                continue
+            if stat.S_ISREG(status.st_mode) and not status.st_nlink:
+                files[status.st_dev, status.st_ino] = 512 * status.st_blocks
+    if spec["namespaces"]:
+        segments = _read(proc, "sysvipc/shm").splitlines()[1:]
+        total += sum(int(line.split()[14]) for line in segments)
+    return total + sum(files.values())
+
+
+def _opened(proc: int, pid: int) -> list[tuple[str, int]]:
+    """Return the open files of a process, none if it has ended or hides them."""
+    try:
+        folder = os.open(f"{pid}/fd", os.O_RDONLY, dir_fd=proc)
+    except OSError:
+        return []
+    try:
+        return [(f"{pid}/fd/{name}", 0) for name in os.listdir(folder)]  # noqa: PTH208 - a descriptor
+    finally:
+        os.close(folder)
+
+
+def _mapped(proc: int, pid: int) -> Iterator[tuple[str, int]]:
+    """Yield the mapped files of a process that have no name any more, each with the bytes mapped."""
+    for line in _read(proc, f"{pid}/maps").splitlines():
+        if line.endswith(b"(deleted)"):
+            begin, end = (int(each, 16) for each in line.split(maxsplit=1)[0].split(b"-"))
+            yield f"{pid}/map_files/{begin:x}-{end:x}", end - begin
 
 
 def _read(proc: int, name: str) -> bytes:

@@ -179,8 +179,9 @@ def have_made() -> None:
     """Run the compiler process, if needed, and wait until it has ended or failed."""
     import subprocess
 
-    # The process ends with its stdin, at the latest when this process ends.
-    with subprocess.Popen(_MAKING, stdin=subprocess.PIPE) as making:
+    # The process ends with its stdin, at the latest when this process ends. Numba reads a file of
+    # settings in its working directory, which may be a hand-in's.
+    with subprocess.Popen(_MAKING, stdin=subprocess.PIPE, cwd="/") as making:
         making.wait()
 
 

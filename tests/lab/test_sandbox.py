@@ -28,14 +28,19 @@ def complete() -> Machine:
 
 
 def shut_in(
-    lab: Lab, machine: Machine, *command: str, limits: Limits = LIMITS, files: str = ""
+    lab: Lab,
+    machine: Machine,
+    *command: str,
+    limits: Limits = LIMITS,
+    files: str = "",
+    group: str = "",
 ) -> list[str]:
     """Return the words that run a command in a sandbox, with one file `own` in its folder."""
     folder, root, realm = (lab.folder / name for name in ("own/handin", "own/root", "own/realm"))
     for path in (folder, root, realm):
         path.mkdir(parents=True, mode=0o700)
     (folder / "own").write_text(files, "utf-8")
-    return machine.shut_in(list(command), folder, realm, root, limits)
+    return machine.shut_in(list(command), folder, realm, root, limits, group)
 
 
 READS = """
@@ -171,13 +176,73 @@ time.sleep(1000)
 """
 
 
-@pytest.mark.parametrize("machine", [OPEN, pytest.param(None, marks=pytest.mark.needs("sandbox"))])
-def test_a_node_with_too_much_memory_is_ended(lab: Lab, machine: Machine | None, complete: Machine):
-    command = shut_in(
-        lab, machine or complete, sys.executable, "-c", EATS, limits=Limits(memory=100)
-    )
-    done = lab.run(command, 60)
+FILLS_FILES = """
+import mmap, os, sys, time
+for number in range(10):
+    file = os.memfd_create("x")
+    os.write(file, b"x" * (30 << 20))
+    if sys.argv[1] == "mapped":
+        globals()[f"kept{number}"] = mmap.mmap(file, 4096)  # one page of many
+        os.close(file)
+time.sleep(1000)
+"""
+FILLS_SEGMENTS = """
+import ctypes, time
+libc = ctypes.CDLL(None)
+libc.shmat.restype = ctypes.c_void_p
+for _ in range(10):
+    place = ctypes.c_void_p(libc.shmat(libc.shmget(0, 30 << 20, 0o1600), None, 0))
+    ctypes.memset(place, 1, 30 << 20)
+    libc.shmdt(place)
+time.sleep(1000)
+"""
+
+
+@pytest.mark.parametrize(
+    ("machine", "code", "word"),
+    [
+        (OPEN, EATS, ""),
+        (OPEN, FILLS_FILES, "open"),
+        pytest.param(None, EATS, "", marks=pytest.mark.needs("sandbox")),
+        pytest.param(None, FILLS_FILES, "open", marks=pytest.mark.needs("sandbox")),
+        pytest.param(None, FILLS_FILES, "mapped", marks=pytest.mark.needs("sandbox")),
+        pytest.param(None, FILLS_SEGMENTS, "", marks=pytest.mark.needs("sandbox")),
+    ],
+)
+def test_a_node_with_too_much_memory_is_ended(
+    lab: Lab, machine: Machine | None, code: str, word: str, complete: Machine
+):
+    """Pages of its own, and those of files without a name and of segments, mapped or not.
+
+    A machine with control groups leaves it to them.
+    """
+    limits, used = Limits(memory=100), machine or complete
+    with used.control_group(limits) as group:
+        words = [sys.executable, "-S", "-c", code, word]
+        done = lab.run(shut_in(lab, used, *words, limits=limits, group=group), 60)
     assert (done.code, done.err) == (137, "ended: more than 100 MB of memory\n")
+    assert not group or not Path(group).exists()
+
+
+@pytest.mark.parametrize("machine", [OPEN, pytest.param(None, marks=pytest.mark.needs("sandbox"))])
+def test_a_node_has_an_environment_of_its_own(lab: Lab, machine: Machine | None, complete: Machine):
+    words = [sys.executable, "-c", "import json, os; print(json.dumps(dict(os.environ)))"]
+    done = lab.run(
+        shut_in(lab, machine or complete, *words),
+        QUADCTL_NODE="safety",
+        QUADCTL_IDENTITY="/mine",
+        QUADCTL_X="/mine",
+        PYTHONPATH="/mine",
+        LC_ALL="/mine",
+        PATH=f"/mine:{os.environ['PATH']}",
+        LANG="de_DE.UTF-8",
+    )
+    found = done.json
+    assert {*found} == {
+        "HOME", "LANG", "PATH", "QUADCTL_NODE", "QUADCTL_REALM", "TMPDIR", "XDG_RUNTIME_DIR"
+    }, done.err  # fmt: skip
+    assert "/mine" not in "".join(found.values())
+    assert found["LANG"] == "C.UTF-8"
 
 
 LEAVES = """

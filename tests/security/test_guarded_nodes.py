@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -80,6 +81,13 @@ def test_a_guarded_node_does_what_its_name_stands_for(both: tuple[Bare, Bare], l
     assert ours.call("reset").ok
     token.undeclare()
     answers.undeclare()
+
+
+def test_its_folder_is_that_of_its_command_alone(both: tuple[Bare, Bare], lab: Lab):
+    folders = {
+        name: str(Path(f"/proc/{node['pid']}/cwd").readlink()) for name, node in lab.nodes().items()
+    }
+    assert folders == dict.fromkeys(folders, "/") | {"safety": str(lab.folder)}
 
 
 def test_without_its_password_nobody_is_let_in(both: tuple[Bare, Bare], lab: Lab):

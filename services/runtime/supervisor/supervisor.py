@@ -327,7 +327,8 @@ class Supervisor:
         child = Child(
             process,
             self._launch.environment(process.name, restarts),
-            self._launch.folder,
+            # Files in a user's folder steer no process of ours, as numba's .numba_config.yaml would.
+            self._launch.folder if process.stranger else "/",
             self._mark,
             lambda: self._inbox.put(self._show),
             lambda: self._inbox.put(self._wake),

@@ -41,6 +41,8 @@ NODES = ("safety", "pressure")
 """Nodes that a student may hand in."""
 _TIMEOUT = 3.0
 """Seconds that a reply may take, and a pose."""
+_LONGEST = 10_000
+"""Most characters of a row's output: a hand-in writes parts of it."""
 Wrap = Callable[[Realm, list[str]], list[str]]
 """Change of a node's command for a run, e.g. to one in a sandbox."""
 
@@ -62,7 +64,7 @@ class RowResult(Struct, frozen=True):
         """Return the result of a row with this verdict on its flight."""
         return cls(
             row.name, row.number, verdict.ok, row.points if verdict.ok else 0.0, row.points,
-            verdict.output, row.visible, "" if verdict.ok else row.hint,
+            verdict.output[:_LONGEST], row.visible, "" if verdict.ok else row.hint,
         )  # fmt: skip
 
     @classmethod
@@ -71,7 +73,7 @@ class RowResult(Struct, frozen=True):
 
         It has no hint: a row's hint is about its flight, and the cause is another.
         """
-        return cls(row.name, row.number, False, 0.0, row.points, why, row.visible)
+        return cls(row.name, row.number, False, 0.0, row.points, why[:_LONGEST], row.visible)
 
 
 NOT_FLOWN = "not flown: the time for this hand-in is over (--wall)"
@@ -81,6 +83,9 @@ _COPY = re.compile(r"(?:|/.*/quadctl-lab-[^/]+/root/\d+)/handin/(.+)")
 
 _SLACK = 1e-6
 """Seconds of rounding of a time."""
+_MOST_A_SECOND = 1000
+"""Messages of a topic, in a simulated second, that are kept; a node publishes 10 or 20, or 100 where
+it answers each pose at once."""
 
 
 class Witness:
@@ -104,19 +109,29 @@ class Witness:
         elif isinstance(message, SafetyState):
             if message.boot == self._boot and message.stamp <= self._end + _SLACK:
                 self.states.append(message)
+                self._check_count(STATE, len(self.states), SETPOINT.hz)
         elif isinstance(message, Setpoint):
             if message.boot == self._boot:
                 self.setpoints.append(message)
+                self._check_count(SETPOINT, len(self.setpoints), SETPOINT.hz)
         elif message.stamp <= self._end + _SLACK:
             # A reading has no boot: those of its time or later belong to the one before.
             while self.readings and self.readings[-1].stamp >= message.stamp:
                 self.readings.pop()
             self.readings.append(message)
+            self._check_count(PRESSURE, len(self.readings), PRESSURE.hz)
 
     def check(self, _values: Mapping[str, Any], _changes: Iterable[Any]) -> None:
         """Raise QuadctlError if the flight has not reached its end."""
         if self.stamp < self._end - _SLACK:
             raise QuadctlError(f"the flight ended at {self.stamp:g} s of {self._end:g} s")
+
+    def _check_count(self, topic: Topic[Any], count: int, expected: float) -> None:
+        if count > _MOST_A_SECOND * (self._end + 1):
+            raise QuadctlError(
+                f"{topic.node} published {count} messages on {topic.name} until"
+                f" {max(self.stamp, 0):g} s: {expected:g} a second are expected"
+            )
 
     def _add(self, pose: Pose) -> None:
         count = self._count

@@ -173,6 +173,11 @@ class MissionFlight(Generic[R]):
         for _ in range(self._readings.waiting):
             if (message := self._readings.next(0)) is not None:
                 self.record.add(message)
+        if self._readings.lost:
+            raise QuadctlError(
+                f"{self._readings.lost} messages were lost: they come faster than they can be read",
+                "does a node of your own publish without end?",
+            )
         return self.record.stamp > before
 
     def _check(self) -> None:

@@ -28,8 +28,12 @@ class Message(NamedTuple):
         return codec.decode(type_, self.payload, self.encoding)
 
 
+_ROOM = 256 * 2**20
+"""Bytes that may wait for a reader: with the longest messages far fewer than the backlog are kept."""
+
+
 class RawSubscriber:
-    """Subscriber to one key or several, undecoded; keeps the newest `backlog` messages.
+    """Subscriber to one key or several, undecoded; keeps the newest `backlog` messages, if there is room.
 
     `lost` counts the older ones that were dropped unread.
     """
@@ -37,6 +41,8 @@ class RawSubscriber:
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
         self._backlog, self._silent = backlog, set(keys)
         self.lost = 0
+        # Bytes that came and were kept, and bytes that were read: each is counted by one thread.
+        self._kept = self._read = 0
         self._queue: SimpleQueue[Message] = SimpleQueue()
         callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
@@ -44,9 +50,11 @@ class RawSubscriber:
     def next(self, timeout: float) -> Message | None:
         """Return the next message, None if none comes within so many seconds."""
         try:
-            return self._queue.get(timeout=max(timeout, 0))
+            message = self._queue.get(timeout=max(timeout, 0))
         except Empty:
             return None
+        self._read += len(message.payload)
+        return message
 
     def request_latched(self, session: zenoh.Session, key: str, timeout: float) -> None:
         """Request the last message of a latched topic, to come before all others of its key."""
@@ -73,18 +81,14 @@ class RawSubscriber:
         self._silent.discard(str(sample.key_expr))
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
-        if self._queue.qsize() >= self._backlog:
-            with suppress(Empty):  # the reader was faster
-                self._queue.get_nowait()
+        payload = sample.payload.to_bytes()
+        self._kept += len(payload)
+        with suppress(Empty):  # the reader was faster
+            while self._queue.qsize() >= self._backlog or self._kept - self._read > _ROOM:
+                self._kept -= len(self._queue.get_nowait().payload)
                 self.lost += 1
         self._queue.put(
-            Message(
-                str(sample.key_expr),
-                sample.payload.to_bytes(),
-                str(sample.encoding),
-                time.monotonic(),
-                age,
-            )
+            Message(str(sample.key_expr), payload, str(sample.encoding), time.monotonic(), age)
         )
 
 

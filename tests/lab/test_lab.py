@@ -221,7 +221,58 @@ def test_no_cheat_gains_a_point_or_disturbs_the_next(lab: Lab, proofs: Proofs):
         assert held <= LAZY, cheat
         assert after["ok"], cheat["submission"]
     assert not lab.processes()
-    proofs.add("Cheats that gain a point or disturb the next hand-in", "0 of 10", "0")
+    proofs.add("Cheats that gain a point or disturb the next hand-in", f"0 of {len(CHEATS)}", "0")
+
+
+GOAL_AHEAD = """
+[[row]]
+name = "flies"
+expect = "arrives"
+end = 9.0
+rows = [{ at = 4.0, do = "goto", x = 1.0, y = 0.0, z = 1.0 }]
+"""
+
+
+@pytest.mark.thorough
+def test_what_is_not_its_own_a_hand_in_does_in_vain(lab: Lab):
+    """Those that fly nowhere are where they were, as if they had done nothing else."""
+    nowhere = ("forges_poses", "sets_the_vehicles_fault", "answers_for_another_node")
+    names = (*nowhere, "publishes_poses_of_its_own", "floods_states", "hides_memory")
+    folders = [write(name, lab.folder) for name in names]
+    found = graded(lab, *folders, "--rubric", lab.file(GOAL_AHEAD, "own.toml"))
+    for name in nowhere:
+        assert found[name] == {"1": "goto 1 0 1: 1.00 m away from it at the end, more than 0.5 m"}
+    assert "not allowed: safety may not publish on uav/pose" in found[names[3]]["1"]
+    assert re.match(
+        r"safety published \d{5} messages on safety/state until [\d.]+ s: 20 a second are expected",
+        found["floods_states"]["1"],
+    ), found["floods_states"]
+    assert "ended: more than 1024 MB of memory" in found["hides_memory"]["1"]
+
+
+STEERS = {
+    ".numba_config.yaml": "disable_jit: 1\nopt: banana\n",
+    "sitecustomize.py": "import sys; sys.exit('steered')\n",
+    "usercustomize.py": "import sys; sys.exit('steered')\n",
+    "pyvenv.cfg": "home = /nowhere\n",
+    "services.py": "import sys; sys.exit('steered')\n",
+}
+"""Files that would steer a process of ours that ran in their folder, or found it on its path."""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", ["check", "grade"])
+def test_a_hand_ins_folder_steers_nothing_of_ours(lab: Lab, command: str):
+    handin = write("functions", lab.folder)
+    for name, text in STEERS.items():
+        (handin / name).write_text(text, "utf-8")
+    own = lab.file(GOAL_AHEAD, "own.toml")
+    shutil.copy(own, handin / "rubric.toml")
+    quad = handin / "quad.toml"
+    quad.write_text(f"{quad.read_text('utf-8')}\n[dynamics]\nspeed = 0.001\n", "utf-8")
+    more = ["--rubric", own, "--trust"] if command == "grade" else []
+    done = lab.run(["env", "-C", str(handin), *lab.command("lab", command, ".", *more)])
+    assert (done.code, "1 of 1 points" in done.out) == (0, True), done
 
 
 FILLS = """

@@ -90,7 +90,8 @@ MISTAKES = {
 CHEATS = (
     "prints_a_forged_report", "kills_the_grader", "sleeps_for_ever", "forks_without_end",
     "fills_the_disk", "reads_the_rubric", "publishes_poses_of_its_own", "answers_for_another_node",
-    "exits_at_once", "floods_the_bus",
+    "exits_at_once", "floods_the_bus", "forges_poses", "sets_the_vehicles_fault", "floods_states",
+    "hides_memory",
 )  # fmt: skip
 
 

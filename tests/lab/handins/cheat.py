@@ -131,6 +131,83 @@ def publishes_poses_of_its_own():
     _lazy(begin)
 
 
+def forges_poses():
+    """Poses at the goal, past what the library allows: the next numbers, and numbers of the end."""
+    import zenoh
+    from msgspec.structs import replace
+    from quadctl.services.runtime.bus import codec
+
+    def begin(node):
+        to_others = {"allowed_destination": zenoh.Locality.REMOTE}
+
+        def step(pose, goal):
+            for seq in (pose.seq + 1, pose.seq + 5, 899, 900, 901):
+                forged = replace(pose, seq=seq, stamp=seq / 100, position=goal)
+                data, encoding = codec.encode(forged), codec.encoding(type(pose))
+                for key in ("uav/pose", "uav/*", "uav/pose/slow"):
+                    node._session.put(key, data, encoding=encoding, **to_others)
+
+        return step
+
+    _lazy(begin)
+
+
+def sets_the_vehicles_fault():
+    """The pose sensor jumps: dynamics itself reports that the vehicle has arrived."""
+    from quadctl.schemas.services import SetParamsRequest
+    from quadctl.schemas.topics import set_params
+    from quadctl.services.runtime.bus import codec
+
+    def begin(node):
+        def step(pose, goal):
+            values = {"dynamics.fault.pose": "jump" if goal.x else "none"}
+            values |= {"dynamics.fault.jump": goal.x}
+            request = SetParamsRequest(values)
+            key, data = set_params("dynamics").key("uav"), codec.encode(request)
+            node._session.get(key, payload=data, encoding=codec.encoding(type(request)))
+
+        return step
+
+    _lazy(begin)
+
+
+def floods_states():
+    import threading
+
+    from quadctl.schemas.messages import CageSize, Position, SafetyState
+    from quadctl.services.runtime.bus import codec
+
+    def begin(node):
+        now = {}
+
+        def flood():
+            while True:
+                if pose := now.get("pose"):
+                    about = (1, "HOVERING", Position(0, 0, 1), True, CageSize(5, 5, 5), "x" * 1000)
+                    state = SafetyState(pose.boot, pose.stamp, *about)
+                    data, encoding = codec.encode(state), codec.encoding(SafetyState)
+                    for _ in range(100):
+                        node._session.put("uav/safety/state", data, encoding=encoding)
+
+        threading.Thread(target=flood, daemon=True).start()
+        return lambda pose, _goal: now.update(pose=pose)
+
+    _lazy(begin)
+
+
+def hides_memory():
+    kept = []
+
+    def begin(_node):
+        def step(_pose, _goal):
+            kept.append(os.memfd_create("x"))
+            os.write(kept[-1], b"x" * (60 << 20))
+
+        return step
+
+    _lazy(begin)
+
+
 def answers_for_another_node():
     from quadctl.schemas.services import CalibrateResponse, GetParamsResponse, ResetResponse
     from quadctl.schemas.topics import get_params

@@ -175,14 +175,13 @@ def _groups() -> str:
 
     A group that has processes has no groups with limits inside it.
     """
-    (own,) = re.findall(r"^0::/(.*)", Path("/proc/self/cgroup").read_text("utf-8"), re.MULTILINE)
-    for folder in (_CONTROL / own, *(_CONTROL / own).parents):
+    groups = Path("/proc/self/cgroup").read_text("utf-8")
+    own = _CONTROL / "".join(re.findall(r"^0::/(.*)", groups, re.MULTILINE))
+    for folder in (own, *own.parents):
         with suppress(OSError):
             given = (folder / "cgroup.subtree_control").read_text("ascii").split()
             if {"memory", "pids"} <= {*given} and os.access(folder, os.W_OK):
                 return str(folder)
-        if folder == _CONTROL:
-            break
     return ""
 
 

@@ -41,8 +41,8 @@ class RawSubscriber:
     def __init__(self, session: zenoh.Session, keys: tuple[str, ...], backlog: int) -> None:
         self._backlog, self._silent = backlog, set(keys)
         self.lost = 0
-        # Bytes that came and were kept, and bytes that were read: each is counted by one thread.
-        self._kept = self._read = 0
+        # Bytes that were queued, and bytes that were read: each is counted by one thread.
+        self._queued = self._read = 0
         self._queue: SimpleQueue[Message] = SimpleQueue()
         callback = zenoh.handlers.Callback(self._on_sample, indirect=False)
         self._subscribers = [session.declare_subscriber(key, callback) for key in keys]
@@ -82,10 +82,10 @@ class RawSubscriber:
         now, stamp = time.time(), sample.timestamp
         age = None if stamp is None else now - stamp.get_time().timestamp()
         payload = sample.payload.to_bytes()
-        self._kept += len(payload)
+        self._queued += len(payload)
         with suppress(Empty):  # the reader was faster
-            while self._queue.qsize() >= self._backlog or self._kept - self._read > _ROOM:
-                self._kept -= len(self._queue.get_nowait().payload)
+            while self._queue.qsize() >= self._backlog or self._queued - self._read > _ROOM:
+                self._queued -= len(self._queue.get_nowait().payload)
                 self.lost += 1
         self._queue.put(
             Message(str(sample.key_expr), payload, str(sample.encoding), time.monotonic(), age)

@@ -25,8 +25,9 @@ ROWS = [
     "2.12", "3.1", "3.2", "3.3", "3.4", "4.1", "4.2", "4.3", "4.4", "4.5", "4.6",
 ]  # fmt: skip
 HIDDEN = "5.1"
-LAZY = {"3.1", "3.2", "3.3", "3.4"}
-"""Rows about the other node, which a cheat in safety leaves alone."""
+LAZY = {"2.4", "3.1", "3.2", "3.3", "3.4"}
+"""Rows about the other node, which a cheat in safety leaves alone, and one about verdicts alone, which
+hold if every goal is accepted."""
 
 ABOUT_SAFETY = {number for number in (*ROWS, HIDDEN) if not number.startswith("3.")}
 

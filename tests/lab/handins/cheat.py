@@ -114,7 +114,9 @@ def _lazy(while_flying):
         for pose in node.poses():
             step(pose, now["goal"])
             setpoints.put(Setpoint(pose.boot, pose.seq, home, brake=False))
-            about = (1, "HOVERING", now["goal"], True, CageSize(size.x, size.y, size.z), "")
+            away = max(abs(getattr(pose.position, a) - getattr(now["goal"], a)) for a in "xyz")
+            state = "MOVING" if away > params.safety.acceptance_range else "HOVERING"
+            about = (1, state, now["goal"], True, CageSize(size.x, size.y, size.z), "")
             states.put(SafetyState(pose.boot, pose.stamp, *about))
 
     start("safety", run)

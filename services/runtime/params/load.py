@@ -99,7 +99,9 @@ def read_text(file: Path, hint: str = _WRITTEN) -> str:
             data = opened.read(_MOST_BYTES + 1)
         if len(data) > _MOST_BYTES:
             raise Invalid(f"{file} is too large: it has more than 1 MB", hint)
-        return data.decode()
+        # Editors of Windows begin a text with a byte order mark.
+        is_utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+        return data.decode("utf-16" if is_utf16 else "utf-8-sig")
     except OSError as error:
         raise Invalid(f"{file} cannot be read: {error.strerror}", hint) from error
     except UnicodeDecodeError as error:

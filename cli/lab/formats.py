@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 from msgspec import Struct
 
+from quadctl.cli.lab.archives import stem
 from quadctl.cli.lab.judge import RowResult
 from quadctl.services.runtime.errors import UsageError
 
@@ -61,11 +62,16 @@ class Grade(Struct, frozen=True):
 
 def require_fit(form: str, count: int) -> None:
     """Raise UsageError if a form is for one hand-in, and there are more."""
-    if form in _OF_ONE and count != 1:
+    if is_of_one(form) and count != 1:
         raise UsageError(
             f"--format {form} is for one hand-in, not {count}",
             "grade one at a time, or use json, csv or junit",
         )
+
+
+def is_of_one(form: str) -> bool:
+    """Return whether a form is for one hand-in."""
+    return form in _OF_ONE
 
 
 def written(form: str, grades: Sequence[Grade]) -> str:
@@ -99,7 +105,12 @@ def _text(grades: Sequence[Grade]) -> str:
 
 
 def _json(grades: Sequence[Grade]) -> str:
-    return _encoded([{"submission": grade.submission} | grade.document() for grade in grades])
+    return _encoded(
+        [
+            {"submission": grade.submission, "problem": grade.problem} | grade.document()
+            for grade in grades
+        ]
+    )
 
 
 def _csv(grades: Sequence[Grade]) -> str:
@@ -117,12 +128,11 @@ def _csv(grades: Sequence[Grade]) -> str:
 
 
 def _students(grades: Sequence[Grade]) -> list[str]:
-    """Return the names of the hand-ins: a folder's, or a zip file's without .zip.
+    """Return the names of the hand-ins: a folder's, or an archive's without its ending.
 
     Hand-ins that would have the same name keep their paths.
     """
-    paths = [PurePath(grade.submission) for grade in grades]
-    names = [path.stem if path.suffix.lower() == ".zip" else path.name for path in paths]
+    names = [stem(PurePath(grade.submission).name) for grade in grades]
     return [
         name if name and names.count(name) == 1 else grade.submission
         for name, grade in zip(names, grades, strict=True)

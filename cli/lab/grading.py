@@ -1,14 +1,12 @@
 """Grading of hand-ins: each in a process of its own, in a sandbox, several at a time."""
 
-import shutil
+import os
 import signal
-import stat
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -20,14 +18,13 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.cli.lab.formats import Grade
-from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly, nodes_in
+from quadctl.cli.lab.handin import HandIn, encodable, nodes_in, unpacked
+from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly
 from quadctl.cli.lab.machine import Limits, Machine
 from quadctl.cli.lab.rubric import Rubric, rubric
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
-_MOST_FILES, _MOST_BYTES = 2_000, 100 << 20
-"""Files and bytes of a hand-in; more is no lab."""
 _LAST = 1.0
 """Seconds for a judge to end after its last result."""
 _END = 10.0
@@ -50,7 +47,7 @@ class GradingJob(Struct, frozen=True):
 
 
 def grade(
-    submissions: Sequence[Path],
+    handins: Sequence[HandIn],
     tables: dict[str, Any],
     limits: Limits,
     *,
@@ -58,32 +55,56 @@ def grade(
     machine: Machine,
     on_done: Callable[[Grade], None],
 ) -> list[Grade]:
-    """Return the grades, in the order of the hand-ins; call `on_done` with each as it is done."""
+    """Return the grades, in the order of the hand-ins; call `on_done` with each as it is done.
+
+    A hand-in that cannot be graded, whatever the reason, is reported as that, and the others are graded.
+    """
     made = rubric(tables, "the rubric")
 
-    def one(submission: Path) -> Grade:
-        began, why = time.monotonic(), ""
+    def one(handin: HandIn) -> Grade:
+        began, results, why = time.monotonic(), list[RowResult](), ""
         try:
             with (
-                tempfile.TemporaryDirectory(prefix="quadctl-lab-") as own,
+                tempfile.TemporaryDirectory(
+                    prefix="quadctl-lab-", ignore_cleanup_errors=True
+                ) as own,
                 machine.control_group(limits) as group,
             ):
-                folder, root = _unpacked(submission, Path(own, "handin")), Path(own, "root")
-                root.mkdir(mode=0o700)
-                nodes = nodes_in(folder)
-                job = GradingJob(str(folder), str(root), nodes, tables, limits, machine, group)
-                results = _flown(job, made)
+                results = _flown(_job(handin, Path(own), tables, limits, machine, group), made)
             if any(each.output == NOT_FLOWN for each in results):
                 why = f"it took more than {limits.wall:g} s here; grade it again, with a larger --wall"
         except QuadctlError as problem:
-            why = problem.message
-            results = _all(made, [], why)
-        graded = Grade(str(submission), results, time.monotonic() - began, why)
+            why = "; try: ".join(filter(None, (problem.message, problem.hint)))
+        except Exception as error:  # noqa: BLE001 - whatever it is, it must not cost the others' marks
+            why = f"internal error: {type(error).__name__}: {error}; try: grade it by itself"
+        why = encodable(" ".join(why.split()))
+        graded = Grade(handin.name, results or _all(made, [], why), time.monotonic() - began, why)
         on_done(graded)
         return graded
 
     with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(one, submissions))
+        return list(pool.map(one, handins))
+
+
+def _job(
+    handin: HandIn,
+    own: Path,
+    tables: dict[str, Any],
+    limits: Limits,
+    machine: Machine,
+    group: str,
+) -> GradingJob:
+    """Copy a hand-in to a folder for us alone, and return the job of flying it."""
+    copies, root = own / "handin", own / "root"
+    for each in (copies, root):
+        each.mkdir(mode=0o700)
+    folder = unpacked(handin, copies)
+    try:
+        nodes = nodes_in(folder)
+    except Invalid as problem:
+        # The folder is gone when this is read.
+        raise Invalid(problem.message.replace(f"{folder}{os.sep}", ""), problem.hint) from problem
+    return GradingJob(str(folder), str(root), nodes, tables, limits, machine, group)
 
 
 def _all(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
@@ -138,49 +159,6 @@ def _read(pipe: IO[bytes], put: Callable[[bytes], None]) -> None:
     for line in pipe:
         put(line)
     put(b"")
-
-
-def _unpacked(submission: Path, target: Path) -> Path:
-    """Copy a hand-in, a folder or a zip file, to a folder for us alone; return the one with quad.toml.
-
-    Raises Invalid for one that is neither, is too large, or would write outside the folder.
-    """
-    if submission.is_dir():
-        _check_size(path.lstat().st_size for path in submission.rglob("*"))
-        shutil.copytree(submission, target, symlinks=True)
-    elif zipfile.is_zipfile(submission):
-        _unzip(submission, target)
-    else:
-        raise Invalid(f"{submission} is neither a folder nor a zip file", "hand in one of these")
-    target.chmod(0o700)
-    found = sorted(target.rglob("quad.toml"), key=lambda path: len(path.parts))
-    if not found:
-        raise Invalid(f"{submission} has no quad.toml", "`quadctl lab new DIR` writes one")
-    return found[0].parent
-
-
-def _unzip(file: Path, target: Path) -> None:
-    with zipfile.ZipFile(file) as archive:
-        _check_size(entry.file_size for entry in archive.infolist())
-        for entry in archive.infolist():
-            if stat.S_ISLNK(entry.external_attr >> 16):
-                raise Invalid(f"{file}: {entry.filename} is a link", "hand in the file itself")
-        # Zipfile itself keeps names such as ../x within the folder.
-        try:
-            archive.extractall(target)
-        except (OSError, RuntimeError, zipfile.BadZipFile) as error:
-            raise Invalid(f"{file}: {error}", "hand in a zip file without a password") from error
-
-
-def _check_size(sizes: Iterator[int]) -> None:
-    count = total = 0
-    for size in sizes:
-        count, total = count + 1, total + size
-        if count > _MOST_FILES or total > _MOST_BYTES:
-            raise Invalid(
-                f"more than {_MOST_FILES} files or {_MOST_BYTES >> 20} MB are handed in",
-                "leave out recordings and environments",
-            )
 
 
 def main() -> None:

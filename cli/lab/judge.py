@@ -27,18 +27,15 @@ from quadctl.services.campaign.mission import FAR, CageEvent, Conditions, GotoEv
 from quadctl.services.campaign.mission import mission as random_mission
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.executor import HAS_BLOCKED
-from quadctl.services.runtime.params.load import check, read
-from quadctl.services.runtime.process_table import QUICK, table
+from quadctl.services.runtime.process_table import QUICK
 from quadctl.services.runtime.procfs import has_ended
 from quadctl.services.runtime.realm import DEFAULT, Realm
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.supervisor import control
 from quadctl.services.runtime.supervisor.launch import Launch
 
-NODES = ("safety", "pressure")
-"""Nodes that a student may hand in."""
 _TIMEOUT = 3.0
 """Seconds that a reply may take, and a pose."""
 _LONGEST = 10_000
@@ -147,27 +144,6 @@ class Witness:
         # The vehicle flies on until the last node has reached the end: how far is chance.
         if pose.stamp <= self._end + _SLACK:
             self.poses.append(pose)
-
-
-def nodes_in(folder: Path) -> dict[str, list[str]]:
-    """Return the commands of a student's nodes, from the quad.toml in a folder.
-
-    Raises Invalid if it is missing or unreadable, names no node, or one that must be ours.
-    """
-    file = folder / "quad.toml"
-    tables = read(file, "`quadctl lab new DIR` writes one").get("processes", {})
-    if not isinstance(tables, dict) or not tables:
-        raise Invalid(
-            f"{file} names no node under [processes]", '[processes] safety = "python my_safety.py"'
-        )
-    for name in tables:
-        if name not in NODES:
-            raise Invalid(
-                f"{file}: processes.{name}: the lab flies its own {name}",
-                f"a hand-in may replace {' and '.join(NODES)}",
-            )
-    commands = check({"processes": tables}, str(file)).processes
-    return {row.name: list(row.command) for row in table(commands) if row.stranger}
 
 
 def fly(

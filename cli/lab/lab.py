@@ -62,7 +62,8 @@ def check(
     """
     require_local(options, "lab check")
     from quadctl.cli.lab import formats
-    from quadctl.cli.lab.judge import RowResult, fly, nodes_in
+    from quadctl.cli.lab.handin import nodes_in
+    from quadctl.cli.lab.judge import RowResult, fly
     from quadctl.cli.lab.machine import Limits
     from quadctl.cli.lab.rubric import rubric
 
@@ -107,7 +108,9 @@ def check(
 
 def grade(
     options: Options,
-    submissions: Annotated[list[str] | None, Arg("Folders or zip files.", "SUBMISSION...")] = None,
+    submissions: Annotated[
+        list[str] | None, Arg("Folders, zip or tar files; or a class's export.", "SUBMISSION...")
+    ] = None,
     rubric: Annotated[
         Path | None, Option("Rubric, TOML (default: the built-in one).", metavar="FILE")
     ] = None,
@@ -137,7 +140,8 @@ def grade(
     Example: quadctl lab grade handins/*.zip --format csv -o points.csv
     """
     require_local(options, "lab grade")
-    from quadctl.cli.lab import formats, grading, machine
+    from quadctl.cli.lab import exports, formats, grading, machine
+    from quadctl.cli.lab.handin import HandIn
 
     if format not in formats.FORMS:
         hint = nearest(format, formats.FORMS) or f"one of {', '.join(formats.FORMS)}"
@@ -149,6 +153,10 @@ def grade(
         if not path.exists():
             raise Invalid(f"there is no hand-in {path}", _HAND_INS)
     formats.require_fit(format, len(paths))
+    handins = [HandIn(str(path), path) for path in paths]
+    # Among others, a student's archive must not name other students.
+    if len(paths) == 1 and not formats.is_of_one(format):
+        handins = exports.handins_in(paths[0])
     tables = _tables(rubric) if rubric else _builtin()
     means = machine.probe()
     if gaps := means.gaps():
@@ -167,17 +175,18 @@ def grade(
         nonlocal done
         done += 1
         points = f"{graded.score:g} of {graded.max_score:g}"
-        gradable = ": not gradable" if graded.problem else ""
-        output.note(f"{done}/{len(paths)}  {graded.submission}: {points}{gradable}")
+        output.note(f"{done}/{len(handins)}  {graded.submission}: {graded.fault or points}")
 
     grades = grading.grade(
-        paths,
+        handins,
         tables,
         machine.Limits(seconds=seconds, wall=wall, memory=memory),
         jobs=jobs or os.cpu_count() or 1,
         machine=means,
         on_done=on_done,
     )
+    if faults := sum(bool(graded.problem) for graded in grades):
+        output.note(f"{faults} of {len(grades)} not gradable, see above")
     text = formats.written("json" if options.json and format == "text" else format, grades)
     if output_file is None:
         output.write(text)

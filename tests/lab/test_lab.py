@@ -1,5 +1,6 @@
 """`lab new`, `lab check` and `lab grade`, as a student and a teacher use them."""
 
+import csv
 import re
 import shutil
 import sys
@@ -11,9 +12,11 @@ from pathlib import Path
 import pytest
 
 from quadctl.cli.lab import grading, machine
+from quadctl.cli.lab.handin import HandIn
 from quadctl.cli.lab.judge import last_error
 from quadctl.cli.lab.rubric import rubric
 from quadctl.services.runtime.errors import Invalid
+from tests.support.archives import below, flipped, zipped
 from tests.support.handins import CHEATS, GOOD, MISTAKES, STYLES, promised, write
 from tests.support.lab import Lab
 from tests.support.missions import busy
@@ -89,7 +92,41 @@ def test_a_class_is_graded_each_for_itself(lab: Lab):
     assert found["zipped"].keys() == {"3.2", "3.3"}, found["zipped"]
     assert found["exits_at_once"].keys() == ABOUT_SAFETY
     assert found["exits_at_once"]["2.1"] == "safety does not stay up: it ends, and logs nothing"
-    assert set(found["bad"].values()) == {f"{bad} is neither a folder nor a zip file"}
+    (why,) = set(found["bad"].values())
+    assert why.startswith("it is neither a folder, a zip or tar file, nor a .py file; try: ")
+
+
+ARRIVES = (
+    '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 9.0\n'
+    'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n'
+)
+
+
+def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
+    files = {path.name: path.read_bytes() for path in write("completed", lab.folder).iterdir()}
+    broken = flipped(zipped(files, zipfile.ZIP_STORED), 200)
+    nodes = {name: data for name, data in files.items() if name != "quad.toml"}
+    export = lab.folder / "export.zip"
+    export.write_bytes(
+        zipped({
+            "Ada_1_assignsubmission_file_/work.zip": zipped(below("mylab", files)),
+            "Bob_2_assignsubmission_file_/work.zip": broken,
+            **below("Cleo_3_assignsubmission_file_", nodes),
+        })
+    )  # fmt: skip
+    rubric = lab.file(ARRIVES, "rubric.toml")
+    done = lab.quadctl(
+        "lab", "grade", export, "--rubric", rubric, "--format", "csv", "-o", "points.csv", "--trust",
+        timeout=60.0,
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    assert "1 of 3 not gradable" in done.err
+    written = (lab.folder / "points.csv").read_text("utf-8")
+    rows = list(csv.DictReader(written.splitlines()))
+    assert [(row["student"], row["points"]) for row in rows] == [
+        ("Ada_1", "1"), ("Bob_2", "0"), ("Cleo_3", "1"),
+    ]  # fmt: skip
+    assert rows[1]["comment"].startswith("not gradable: it is damaged: Bad CRC-32")
 
 
 def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
@@ -122,11 +159,7 @@ main()
 
 def test_without_namespaces_grading_asks_for_trust(lab: Lab):
     good = write("completed", lab.folder)
-    rubric = lab.file(
-        '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 9.0\n'
-        'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n',
-        "rubric.toml",
-    )
+    rubric = lab.file(ARRIVES, "rubric.toml")
     grade = [sys.executable, "-c", POOR, "lab", "grade", str(good), "--rubric", str(rubric)]
     done = lab.run(grade)
     cannot = (
@@ -328,7 +361,7 @@ def test_a_judge_that_fails_is_reported_as_that(lab: Lab, monkeypatch: pytest.Mo
     }
     monkeypatch.setattr(sys, "executable", str(broken))
     (found,) = grading.grade(
-        [write("completed", lab.folder)], {"row": [row]}, machine.Limits(), jobs=1, machine=machine.Machine(),
+        [HandIn("completed", write("completed", lab.folder))], {"row": [row]}, machine.Limits(), jobs=1, machine=machine.Machine(),
         on_done=lambda _grade: None,
     )  # fmt: skip
     assert [each.output for each in found.tests] == ["not flown: its judge failed: no wings"]
@@ -376,11 +409,7 @@ def test_a_crash_in_one_row_costs_that_row_only(lab: Lab):
         'rows = [{ at = 4.0, do = "cage", on = false }]\nhint = "look"\n'
         for n in range(6)
     ]
-    arrives = (
-        '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 9.0\n'
-        'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n'
-    )
-    own = lab.file("".join((*crashes, arrives)), "own.toml")
+    own = lab.file("".join((*crashes, ARRIVES)), "own.toml")
     found = graded(lab, handin, "--rubric", own)["completed"]
     assert found == {str(n): "safety crashed: exit 3" for n in range(1, 7)}
 

@@ -44,7 +44,7 @@ _DAMAGES = (
 
 
 class ArchiveEntry(NamedTuple):
-    """ArchiveEntry by its name, with `/` between folders.
+    """Entry of a folder or an archive by its name, with `/` between folders.
 
     `kind` is file, folder, link, or the words for what no hand-in may have. `open` opens a file, or a link without a
     `target`, whose content it is. `runs`: a file is a program.

@@ -166,6 +166,11 @@ def set_params(node: str) -> Service[SetParamsRequest, SetParamsResponse]:
     )
 
 
+def own_service(name: str) -> Service[Any, Any]:
+    """Return a service `own/NAME`, which has types of its author's: its messages are plain tables."""
+    return Service(name, dict, dict, node="", doc="A service of its author's own.")
+
+
 def called(service: Service[Any, Any]) -> Topic[Called]:
     """Return the topic of executed calls of a service that may change something."""
     return Topic(

@@ -41,7 +41,10 @@ class Outcome(NamedTuple):
 
 
 class FlownMission(NamedTuple):
-    """Flight in one boot: parameters of the launch, answers, and every message, in order."""
+    """Flight in one boot: parameters of the launch, answers, and every message, in order.
+
+    `log` has the lines that the node has logged since its start, for a row about them.
+    """
 
     params: Params
     outcomes: Sequence[Outcome]
@@ -49,6 +52,7 @@ class FlownMission(NamedTuple):
     states: Sequence[SafetyState]
     readings: Sequence[Pressure]
     setpoints: Sequence[Setpoint] = ()
+    log: Sequence[str] = ()
 
 
 def gotos(flown: FlownMission, end: int | None = None) -> list[Outcome]:
@@ -89,6 +93,12 @@ def first_at(messages: Sequence[Pose] | Sequence[SafetyState], at: float) -> int
 def pose_at(poses: Sequence[Pose], at: float) -> Pose:
     """Return the pose at a time (s), or the next."""
     return poses[min(first_at(poses, at), len(poses) - 1)]
+
+
+def until(flown: FlownMission, at: float) -> FlownMission:
+    """Return what was flown up to a time (s)."""
+    poses, states = flown.poses[: first_at(flown.poses, at) + 1], flown.states
+    return flown._replace(poses=poses, states=states[: first_at(states, at)])
 
 
 def excursion(flown: FlownMission) -> tuple[float, float]:
@@ -139,13 +149,20 @@ class Commanded:
 
     def permits(self, number: int, step: GotoStep) -> bool:
         """Return whether a goal may be flown to; `number` is that of its outcome, for equal times."""
-        size = self._after[number]
-        return step.z >= 0 if size is None else inside((step.x, step.y, step.z), size)
+        return _permits(self._after[number], step)
+
+    def permits_at(self, at: float, step: Any) -> bool:
+        """Return whether a place may be flown to at a time (s)."""
+        return _permits(self.in_force(at), step)
 
     def text(self, number: int) -> str:
         """Return the cage at an outcome, for a message."""
         size = self._after[number]
         return "the cage off" if size is None else f"a cage of {' '.join(f'{s:g}' for s in size)}"
+
+
+def _permits(size: Point | None, step: Any) -> bool:
+    return bool(step.z >= 0) if size is None else inside(goal_of(step), size)
 
 
 def _changed(now: tuple[Point, bool], step: Row, reply: Any, problem: Any) -> tuple[Point, bool]:

@@ -4,6 +4,7 @@ import math
 import os
 import re
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 from random import Random
@@ -16,16 +17,17 @@ from msgspec.structs import replace
 
 from quadctl.cli.lab.flown import FlownMission, Outcome
 from quadctl.cli.lab.rubric import Rubric, RubricRow
-from quadctl.cli.lab.verdict import RowVerdict, judge, random_flight
+from quadctl.cli.lab.verdict import RowVerdict, judge, prints, random_flight
 from quadctl.cli.mission.fly import MissionFlight
 from quadctl.cli.mission.mission import CageStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run
-from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
+from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint, Waypoint
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import POSE, PRESSURE, SETPOINT, STATE, Topic
+from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, SETPOINT, STATE, Topic
 from quadctl.services.campaign.mission import FAR, CageEvent, Conditions, GotoEvent
 from quadctl.services.campaign.mission import mission as random_mission
 from quadctl.services.runtime import run_files
+from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.executor import HAS_BLOCKED
@@ -164,7 +166,7 @@ def fly(
     """
     groups: dict[tuple[str, str], list[tuple[RubricRow, MissionFile]]] = {}
     for row, made in zip(rubric.rows, rubric.missions, strict=True):
-        groups.setdefault((row.node, repr(row.set)), []).append((row, made))
+        groups.setdefault((row.about, repr(row.set)), []).append((row, made))
     longest = max(groups, key=lambda key: len(groups[key]), default=None)
     for key, rows in groups.items():
         node = key[0]
@@ -229,10 +231,13 @@ def _fly_row(
     client: Client, node: "_StudentNode", params: Params, row: RubricRow, made: MissionFile
 ) -> RowResult:
     try:
-        if made.rows:
-            verdict = judge(row, _flown(client, params, made, row.node))
-        else:
+        if row.expect == "random_flights":
             verdict = _random_flights(client, params, row)
+        else:
+            flown = _flown(client, params, made, row)
+            if row.expect == "prints":
+                flown = flown._replace(log=node.written(lambda log: prints(row, log).ok))
+            verdict = judge(row, flown)
     except QuadctlError as problem:
         return RowResult.without_flight(row, node.explained(problem))
     if not verdict.ok and (crash := node.crash()):
@@ -329,6 +334,15 @@ class _StudentNode:
             cause = f"{self._name} failed: {error}"
         return "\n".join((*filter(None, [cause]), problem.message, *self._last_lines()))
 
+    def written(self, is_all: Callable[[list[str]], bool]) -> list[str]:
+        """Return the lines that the node has logged since it was started, as soon as they are all."""
+        until = time.monotonic() + _LOGGED
+        while not is_all(lines := self._written(0).decode(errors="replace").splitlines()):
+            if time.monotonic() > until:
+                break
+            time.sleep(_LOOK)
+        return lines
+
     def _record(self) -> ProcessRecord:
         run = run_files.read(self._realm)
         return next(node for node in run.nodes if node.name == self._name)
@@ -369,13 +383,15 @@ class _StudentNode:
         return data[begin:] if begin <= len(data) else data
 
 
+_LOGGED = 2.0
+"""Seconds until a line that a node has printed is in its log."""
 _NOTICED, _NOTICED_AT_LAST, _LOOK = 0.3, 10.0, 0.02
 """Seconds until a process ends, until its end is in the record, and between two looks at both."""
 
 
 def _random_flights(client: Client, params: Params, row: RubricRow) -> RowVerdict:
     for seed in range(row.seed, row.seed + row.flights):
-        flown = _flown(client, params, _random(seed, params, row.seconds), row.node)
+        flown = _flown(client, params, _random(seed, params, row.seconds), row)
         verdict = random_flight(flown)
         if not verdict.ok:
             return RowVerdict(False, f"seed {seed}: {verdict.output}")
@@ -408,10 +424,19 @@ _TAKEOFF = 3.0
 """Simulated seconds for the take-off."""
 
 
-def _flown(client: Client, params: Params, made: MissionFile, node: str) -> FlownMission:
-    nodes = ("dynamics", "safety", "pressure") if node == "pressure" else ("dynamics", "safety")
-    flight = MissionFlight(client, made, Witness, nodes)
-    flight.fly(lambda _at: None)
+def _flown(client: Client, params: Params, made: MissionFile, row: RubricRow) -> FlownMission:
+    others = ["pressure"] if row.about == "pressure" else []
+    flight = MissionFlight(client, made, Witness, ("dynamics", "safety", *others))
+    waypoints = deque(row.waypoints)
+
+    def publish_due(now: float) -> None:
+        while waypoints and waypoints[0].at <= now:
+            step = waypoints.popleft()
+            requests.put(codec.encode(Waypoint(step.x, step.y, step.z)))
+
+    if waypoints:
+        requests = client.raw_publisher(REQUEST.key(client.vehicle), codec.encoding(REQUEST.type))
+    flight.fly(publish_due)
     record = flight.record
     outcomes = [Outcome(step, call.reply, call.problem) for step, call in flight.rows]
     return FlownMission(

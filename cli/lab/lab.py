@@ -17,6 +17,7 @@ from quadctl.services.runtime.params.names import nearest
 
 _HERE = Path(__file__).parent
 _VISIBLE, _HIDDEN = _HERE / "rubric.toml", _HERE / "hidden.toml"
+_EXTRA = _HERE / "extra.toml"
 _TEMPLATE = _HERE / "template"
 _NEEDS = "`quadctl lab new DIR` writes one"
 _HAND_INS = "give folders or zip files, e.g. `quadctl lab grade handins/*`"
@@ -33,7 +34,7 @@ def new(
     # Sources of a student are no modules of ours.
     files = sorted(_TEMPLATE.iterdir())
     texts = {path.name.removesuffix(".txt"): path.read_text("utf-8") for path in files}
-    texts["rubric.toml"] = _VISIBLE.read_text("utf-8")
+    texts |= {rows.name: rows.read_text("utf-8") for rows in (_VISIBLE, _EXTRA)}
     there = [name for name in texts if (folder / name).exists()]
     if there:
         raise Invalid(f"{folder / there[0]} already exists", "choose another folder")

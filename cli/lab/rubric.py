@@ -17,35 +17,54 @@ from msgspec import Meta, Struct
 from quadctl.cli.mission.mission import (
     CageStep,
     Calibrate,
+    CallStep,
     GotoStep,
     MissionFile,
     Row,
+    Time,
     mission,
     params_of,
 )
 from quadctl.schemas.topics import SERVICES
+from quadctl.schemas.units import Metres
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
 Expectation = Literal[
     "refused", "arrives", "transitions", "answers_in_flight", "stays_inside", "stops", "answers",
-    "zeroed", "parameter_obeyed", "state_seen", "random_flights",
+    "zeroed", "parameter_obeyed", "state_seen", "prints", "takes_waypoints", "replies",
+    "random_flights",
 ]  # fmt: skip
 _FLIES = {"random_flights"}
 """Expectations that fly missions of their own."""
 _KEYS: dict[str, set[str]] = {
     "refused": {"within"},
-    "arrives": {"within"},
+    "arrives": {"within", "each"},
     "answers_in_flight": {"within"},
     "stays_inside": {"within"},
     "answers": {"service", "within"},
     "zeroed": {"within"},
     "state_seen": {"state"},
+    "prints": {"node", "lines"},
+    "takes_waypoints": {"waypoints", "within"},
+    "replies": {"node", "reply", "within"},
     "random_flights": {"flights", "seed", "seconds"},
 }
 """Keys that an expectation takes beside those of every row."""
 _COMMON = {"name", "number", "points", "visible", "hint", "rows", "end", "set", "expect"}
 _MOST_ROWS = 200
+
+
+class WaypointStep(Struct, frozen=True, forbid_unknown_fields=True):
+    """Goal (m) that is published on input/position_request, from a simulated time (s) on."""
+
+    at: Time
+    x: Metres
+    y: Metres
+    z: Metres
+
+    def __str__(self) -> str:
+        return f"waypoint {self.x:g} {self.y:g} {self.z:g}"
 
 
 class RubricRow(Struct, frozen=True, forbid_unknown_fields=True):
@@ -66,14 +85,20 @@ class RubricRow(Struct, frozen=True, forbid_unknown_fields=True):
     within: Annotated[float, Meta(ge=0)] = 0.0
     service: str = ""
     state: Literal["", "HOVERING", "VERIFYING", "MOVING"] = ""
+    each: bool = False
+    node: Literal["", "safety", "pressure"] = ""
+    lines: list[Annotated[str, Meta(min_length=1)]] = []
+    waypoints: list[WaypointStep] = []
+    reply: dict[str, Any] = {}
     flights: Annotated[int, Meta(ge=1, le=1000)] = 20
     seed: Annotated[int, Meta(ge=0)] = 7
     seconds: Annotated[float, Meta(gt=0, le=600)] = 15.0
 
     @property
-    def node(self) -> str:
+    def about(self) -> str:
         """Return the node that the row is about: a row without that node of the student gives 0."""
-        return "pressure" if self.expect == "zeroed" or self.service in _OF_PRESSURE else "safety"
+        of_pressure = self.expect == "zeroed" or self.service in _OF_PRESSURE
+        return self.node or ("pressure" if of_pressure else "safety")
 
 
 _OF_PRESSURE = {"calibrate_pressure"}
@@ -149,8 +174,14 @@ def _mission(row: RubricRow, place: str) -> MissionFile:
         if row.rows:
             raise Invalid(f"{place}: {row.expect} flies missions of its own", "leave out `rows`")
         return MissionFile([], 0.0, params_of(row.set, place))
+    if row.expect == "takes_waypoints":
+        return _of_waypoints(row, place)
     tables = {"rows": row.rows, "set": row.set} | ({} if row.end is None else {"end": row.end})
     made = mission(tables, place)
+    if row.expect == "prints" and not row.lines:
+        raise Invalid(f"{place}: prints needs lines", 'e.g. lines = ["Param: cage x - [-5, 5]"]')
+    if row.expect == "replies" and not any(isinstance(step, CallStep) for step in made.rows):
+        raise Invalid(f"{place}: replies needs a call among its `rows`")
     if row.expect == "state_seen" and not row.state:
         raise Invalid(f"{place}: state_seen needs a state", 'e.g. state = "VERIFYING"')
     services = {service.name: service for service in SERVICES}
@@ -170,6 +201,15 @@ def _mission(row: RubricRow, place: str) -> MissionFile:
     if row.expect == "zeroed" and not any(isinstance(step, Calibrate) for step in made.rows):
         raise Invalid(f"{place}: zeroed needs a calibrate among its `rows`")
     return made
+
+
+def _of_waypoints(row: RubricRow, place: str) -> MissionFile:
+    if row.rows or not row.waypoints:
+        raise Invalid(f"{place}: takes_waypoints needs `waypoints`, and takes no `rows`")
+    times = [each.at for each in row.waypoints]
+    if row.end is None or [*times, row.end] != sorted({*times, row.end}):
+        raise Invalid(f"{place}: each waypoint needs a later time, and `end` one after the last")
+    return MissionFile([], row.end, params_of(row.set, place))
 
 
 def _shuts_in_flight(steps: Sequence[Row]) -> bool:

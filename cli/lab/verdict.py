@@ -4,6 +4,9 @@ The true poses count, and the parameters of the launch; what a node reports of i
 where its report is the question.
 """
 
+import re
+from collections.abc import Sequence
+from itertools import groupby
 from math import dist, inf
 from typing import NamedTuple
 
@@ -23,16 +26,17 @@ from quadctl.cli.lab.flown import (
     place_of,
     pose_at,
     speed,
+    until,
 )
 from quadctl.cli.lab.rubric import RubricRow
-from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep
+from quadctl.cli.mission.mission import CageStep, Calibrate, CallStep, GotoStep
 from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.services import (
     CalibrateResponse,
     GotoResponse,
     ToggleCageResponse,
 )
-from quadctl.schemas.topics import SETPOINT
+from quadctl.schemas.topics import CALIBRATE, SETPOINT
 from quadctl.services.pressure.simulated import pressure_at
 from quadctl.services.runtime.errors import Refused
 
@@ -143,12 +147,19 @@ def _flown_all_the_same(flown: FlownMission, outcome: Outcome) -> str:
 def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
     if fault := _refused_from_the_first(flown):
         return RowVerdict(False, fault)
-    outcome = gotos(flown)[-1]
-    if not outcome.accepted:
-        return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
-    if fault := _wrong_flight(flown, outcome):
-        return RowVerdict(False, f"{outcome.step}: {fault}")
-    return _there(row, flown, outcome)
+    goals = gotos(flown)
+    for number, outcome in enumerate(goals if row.each else goals[-1:], 1):
+        if not outcome.accepted:
+            return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
+        flight = flown
+        if row.each and number < len(goals):
+            flight = until(flown, goals[number].step.at - _BEFORE)
+        if fault := _wrong_flight(flight, outcome):
+            return RowVerdict(False, f"{outcome.step}: {fault}")
+        there = _there(row, flight, outcome)
+        if not there.ok:
+            return there
+    return there
 
 
 def _refused_from_the_first(flown: FlownMission) -> str:
@@ -272,6 +283,9 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
             continue
         name = str(step)
         if problem is not None:
+            # Before the first reading there is no baseline.
+            if service is CALIBRATE and not any(r.stamp < step.at for r in flown.readings):
+                continue
             return RowVerdict(False, f"{name}: {problem.message}")
         if isinstance(reply, GotoResponse) and not reply.accepted and not reply.reason.strip():
             return RowVerdict(False, f"{name}: refused without a reason")
@@ -385,6 +399,60 @@ def random_flight(flown: FlownMission) -> RowVerdict:
     return RowVerdict(True, "inside, and each goal rightly answered")
 
 
+def prints(row: RubricRow, log: Sequence[str]) -> RowVerdict:
+    """Return whether each line is, whatever the form of its numbers, in a line of the log."""
+    printed = [_plain(line) for line in log]
+    for line in row.lines:
+        if not any(_plain(line) in each for each in printed):
+            return RowVerdict(False, f"no line of the node's log has `{line}`")
+    return RowVerdict(True, f"the node has logged {', '.join(row.lines)}")
+
+
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+
+
+def _plain(line: str) -> str:
+    """Return a line with its numbers in their shortest form, and single spaces."""
+    return " ".join(_NUMBER.sub(lambda found: f"{float(found[0]):g}", line).split())
+
+
+def _takes_waypoints(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    ends = [step.at for step in row.waypoints[1:]] + [flown.poses[-1].stamp]
+    cage, shown = Commanded(flown), ""
+    for step, end in zip(row.waypoints, ends, strict=True):
+        flight = until(flown, end)
+        states = flight.states[first_at(flight.states, step.at) :]
+        seen = [name for name, _ in groupby(state.state for state in states)]
+        shown = f"{step}: safety/state showed {', '.join(seen) or 'nothing'}"
+        begun, last = pose_at(flight.poses, step.at), flight.poses[-1]
+        if cage.permits_at(step.at, step):
+            expected = ["VERIFYING", "MOVING", "HOVERING"]
+            away = distance(last, goal_of(step))
+            if away > (row.within or flown.params.safety.acceptance_range):
+                return RowVerdict(False, f"{step}: {away:.2f} m away from it at {end:g} s")
+        else:
+            expected = ["VERIFYING", "HOVERING"]
+            if (drift := distance(begun, place_of(last))) > STILL:
+                why = f"{step}: is not permitted, but the vehicle moved {drift:.2f} m"
+                return RowVerdict(False, why)
+        if seen[seen[:1] == ["HOVERING"] :] != expected:
+            return RowVerdict(False, shown)
+    return RowVerdict(True, shown)
+
+
+def _replies(row: RubricRow, flown: FlownMission) -> RowVerdict:
+    *_, (step, reply, problem) = (o for o in flown.outcomes if isinstance(o.step, CallStep))
+    if problem is not None:
+        return RowVerdict(False, f"{step}: {problem.message}")
+    for name, value in row.reply.items():
+        found = reply.get(name)
+        numbers = not isinstance(value, bool | str) and isinstance(found, int | float)
+        same = abs(found - value) <= row.within if numbers else found == value
+        if not same or isinstance(found, bool) is not isinstance(value, bool):
+            return RowVerdict(False, f"{step}: the reply's {name} is {found!r}, not {value!r}")
+    return RowVerdict(True, f"{step}: {reply}")
+
+
 _JUDGES = {
     "refused": _refused,
     "arrives": _arrives,
@@ -396,6 +464,9 @@ _JUDGES = {
     "zeroed": _zeroed,
     "parameter_obeyed": _parameter_obeyed,
     "state_seen": _state_seen,
+    "prints": lambda row, flown: prints(row, flown.log),
+    "takes_waypoints": _takes_waypoints,
+    "replies": _replies,
 }
 
 

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
 
 import msgspec
+from msgspec.structs import replace
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.cli.mission.digest import FlightRecord, Record
-from quadctl.cli.mission.mission import NODES, MissionFile, ParamStep, Row, mission
+from quadctl.cli.mission.mission import NODES, CallStep, MissionFile, ParamStep, Row, mission
 from quadctl.cli.progress import Progress
 from quadctl.cli.temporary_run import temporary_run
 from quadctl.schemas.params import Params, in_lockstep
@@ -48,6 +49,7 @@ from quadctl.services.runtime.errors import (
     TimedOut,
     UsageError,
 )
+from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.load import check, read
 from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.realm import DEFAULT, Realm, listed
@@ -121,7 +123,7 @@ class MissionFlight(Generic[R]):
             self._restore()
 
     def _call_ahead(self) -> None:
-        calls = [(row, *row.call()) for row in self._mission.rows]
+        calls = [(row, *self._named(row).call()) for row in self._mission.rows]
         for service in {service.name: service for _, service, _ in calls}.values():
             self._client.wait_for_server(service)
         for row, service, request in calls:
@@ -132,6 +134,18 @@ class MissionFlight(Generic[R]):
             request = GetParamsRequest([node])
             end = self._ahead(get_params(node), request, self._mission.end, self._settle)
             self._ends.append(end)
+
+    def _named(self, row: Row) -> Row:
+        """Return a row that calls a service by its key's name; raise Invalid if no service has the type."""
+        if not isinstance(row, CallStep) or not row.type_name:
+            return row
+        served = {found.type: found.name for found in self._client.endpoints("@srv")}
+        if row.type_name not in served:
+            raise Invalid(
+                f"there is no service of the type {row.type_name}",
+                nearest(row.type_name, [*served]) or "`quadctl service list` shows their types",
+            )
+        return replace(row, service=served[row.type_name])
 
     def _ahead(
         self, service: Any, request: Any, at: float, settled: Callable[[], None]
@@ -339,6 +353,10 @@ def _outcome(call: FutureCall[Any, Any]) -> dict[str, Any]:
     if isinstance(call.reply, SetParamsResponse):
         reason = call.reply.reason.removeprefix("param set: ")
         return {"accepted": call.reply.success, "reason": reason}
+    if isinstance(call.reply, dict):
+        refused = False in (call.reply.get("accepted"), call.reply.get("success"))
+        reason = str(call.reply.get("reason", ""))
+        return {"accepted": not refused, "reason": reason, "reply": call.reply}
     more = {"baseline": call.reply.baseline} if isinstance(call.reply, CalibrateResponse) else {}
     return {"accepted": True, "reason": ""} | more
 
@@ -348,4 +366,6 @@ def _text(outcome: dict[str, Any]) -> str:
         return f"rejected: {outcome['reason']}"
     if outcome["reason"]:
         return f"accepted, {outcome['reason']}"
+    if outcome.get("reply"):
+        return ", ".join(f"{name} {catalogue.word(x)}" for name, x in outcome["reply"].items())
     return f"baseline {outcome['baseline']:.4f} hPa" if "baseline" in outcome else "accepted"

@@ -23,7 +23,15 @@ from quadctl.schemas.services import (
     SetParamsRequest,
     ToggleCageRequest,
 )
-from quadctl.schemas.topics import CALIBRATE, GOTO, HOLD, TOGGLE_CAGE, Service, set_params
+from quadctl.schemas.topics import (
+    CALIBRATE,
+    GOTO,
+    HOLD,
+    TOGGLE_CAGE,
+    Service,
+    own_service,
+    set_params,
+)
 from quadctl.schemas.units import Metres
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params import catalogue
@@ -119,13 +127,35 @@ class ParamStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do",
         return f"param set {self.name} {catalogue.word(self.value)}"
 
 
-Row = GotoStep | CageStep | HoldStep | Calibrate | ParamStep
+class CallStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="call"):
+    """Call of a service of one's own: `own/NAME`, or its type's name, e.g. `Charge`."""
+
+    at: Time
+    service: Annotated[str, Meta(pattern=r"^(own(/[A-Za-z0-9_-]+)+|[A-Z][A-Za-z0-9]*)$")]
+    request: dict[str, Any] = {}
+
+    @property
+    def type_name(self) -> str:
+        """Return the name of the type by which the service is called; empty if it is called by its own."""
+        return "" if "/" in self.service else self.service
+
+    def call(self) -> tuple[Service[Any, Any], Any]:
+        """Return the service and its request."""
+        return own_service(self.service), self.request
+
+    def __str__(self) -> str:
+        words = (f"{name}={catalogue.word(value)}" for name, value in self.request.items())
+        return " ".join((f"call {self.service}", *words))
+
+
+Row = GotoStep | CageStep | HoldStep | Calibrate | ParamStep | CallStep
 _KINDS: dict[str, Any] = {
     "goto": GotoStep,
     "cage": CageStep,
     "hold": HoldStep,
     "calibrate": Calibrate,
     "param": ParamStep,
+    "call": CallStep,
 }
 
 

@@ -283,7 +283,6 @@ class Node:
         self.ready()
         counted, ticks, answered, answered_at = ("", 0.0), 0, -1, 0.0
         while not self.stopping:
-            self.executor.serve_waiting()
             if not self.wait_for(lambda: bool(passed), _LONGEST_WAIT):
                 continue
             pose, hz = _oldest(passed), rate()
@@ -322,7 +321,6 @@ class Node:
         self.ready()
         last, answered_at = ("", -1), 0.0
         while not self.stopping:
-            self.executor.serve_waiting()
             if not self.wait_for(lambda: bool(waiting), _LONGEST_WAIT):
                 continue
             pose = _oldest(waiting)
@@ -343,7 +341,12 @@ class Node:
         self.executor.post(item)
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Serve the queue until the condition holds; False at the timeout (s) or when stopped."""
+        """Serve the queue until the condition holds; False at the timeout (s) or when stopped.
+
+        What is queued is served first: a loop that sleeps longer than a pose takes would else find
+        its condition true each time, and answer no call.
+        """
+        self.executor.serve_waiting()
         return self.executor.wait_for(condition, timeout)
 
     @property

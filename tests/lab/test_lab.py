@@ -25,12 +25,11 @@ from tests.support.running import eventually
 
 ROWS = [
     "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9", "2.10", "2.11",
-    "2.12", "3.1", "3.2", "3.3", "3.4", "4.1", "4.2", "4.3", "4.4", "4.5", "4.6",
+    "2.12", "3.1", "3.2", "3.3", "3.4", "3.5", "4.1", "4.2", "4.3", "4.4", "4.5", "4.6",
 ]  # fmt: skip
 HIDDEN = "5.1"
-LAZY = {"2.4", "3.1", "3.2", "3.3", "3.4"}
-"""Rows about the other node, which a cheat in safety leaves alone, and one about verdicts alone, which
-hold if every goal is accepted."""
+LAZY = {"3.1", "3.2", "3.3", "3.4", "3.5"}
+"""Rows about the other node, which a cheat in safety leaves alone."""
 
 ABOUT_SAFETY = {number for number in (*ROWS, HIDDEN) if not number.startswith("3.")}
 
@@ -56,7 +55,8 @@ def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
     assert done.code == 0, done.err
     mine = lab.folder / "mine"
     assert {path.name for path in mine.iterdir()} == {
-        "LAB.md", "my_pressure.py", "my_safety.py", "quad.toml", "rubric.toml", "test_lab.py"
+        "LAB.md", "extra.toml", "my_pressure.py", "my_safety.py", "quad.toml", "rubric.toml",
+        "test_lab.py",
     }  # fmt: skip
     assert lab.quadctl("lab", "new", "mine").code == 6
 
@@ -71,9 +71,9 @@ def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
         shutil.copy(completed / name, mine / name)
     last = lab.quadctl("lab", "check", "mine", "--report", "out")
     assert last.code == 0, last.out + last.err
-    assert "mine: 31 of 31 points" in last.out
+    assert "mine: 32 of 32 points" in last.out
     page = (lab.folder / "out/report.html").read_text("utf-8")
-    assert "mine: 31 of 31 points" in page
+    assert "mine: 32 of 32 points" in page
     assert "data:image/png;base64," in page
     assert lab.quadctl("bag", "check", "out/flight.mcap").code == 0
 
@@ -94,6 +94,18 @@ def test_a_class_is_graded_each_for_itself(lab: Lab):
     assert found["exits_at_once"]["2.1"] == "safety does not stay up: it ends, and logs nothing"
     (why,) = set(found["bad"].values())
     assert why.startswith("it is neither a folder, a zip or tar file, nor a .py file; try: ")
+
+
+def test_all_of_the_labs_text_can_be_graded(lab: Lab):
+    extra = Path(grading.__file__).with_name("extra.toml")
+    folders = [write(name, lab.folder) for name in ("beyond", "completed")]
+    found = graded(lab, *folders, "--rubric", extra)
+    assert found["beyond"] == {}
+    # The kit alone asks for none of them, but for the launch file's values.
+    assert found["completed"].keys() == {"6.1", "6.2", "6.3", "6.5", "6.6", "6.7", "6.8"}
+    assert "no line of the node's log has `Param: cage x - [-5, 5]`" in found["completed"]["6.1"]
+    assert "safety/state showed HOVERING" in found["completed"]["6.6"]
+    assert "own/toggle" in found["completed"]["6.8"]
 
 
 ARRIVES = (
@@ -130,10 +142,10 @@ def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
 
 
 def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
-    expected = {"completed": 35, "no_baseline": 32, "never_arrives": 7}
+    expected = {"completed": 36, "no_baseline": 33, "never_arrives": 7}
     assert {name: promised()[name] for name in expected} == expected
     done = lab.quadctl("lab", "grade", write("no_baseline", lab.folder), "--trust")
-    assert "no_baseline: 32 of 35" in done.err, done.out
+    assert "no_baseline: 33 of 36" in done.err, done.out
 
 
 @pytest.mark.thorough
@@ -226,7 +238,7 @@ def test_the_rubric_tells_the_mistakes_apart_in_20_runs_of_20(lab: Lab, proofs: 
 @pytest.mark.prove
 @pytest.mark.alone
 @pytest.mark.timeout(3000)
-def test_right_hand_ins_in_ten_styles_have_full_marks_in_each_run(lab: Lab, proofs: Proofs):
+def test_right_hand_ins_in_each_style_have_full_marks_in_each_run(lab: Lab, proofs: Proofs):
     folders = [write(name, lab.folder) for name in STYLES]
     for load in (0, 0, 8):
         with busy(load):

@@ -9,9 +9,9 @@ import pytest
 from msgspec.structs import replace
 
 from quadctl.cli.lab.flown import FlownMission, Outcome
-from quadctl.cli.lab.rubric import RubricRow, rubric
+from quadctl.cli.lab.rubric import RubricRow, WaypointStep, rubric
 from quadctl.cli.lab.verdict import RowVerdict, judge
-from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep, Row
+from quadctl.cli.mission.mission import CageStep, Calibrate, CallStep, GotoStep, Row
 from quadctl.schemas.messages import (
     BodyRates,
     CageSize,
@@ -26,7 +26,7 @@ from quadctl.schemas.messages import (
 )
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateResponse, GotoResponse, ToggleCageResponse
-from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.errors import Invalid, Refused
 
 LAB = Path(__file__).parents[2] / "cli/lab"
 GOTO = 'rows = [{ at = 3.0, do = "goto", x = 9.0, y = 0.0, z = 1.0 }]\n'
@@ -46,14 +46,14 @@ def test_the_row_of_the_manual_is_one():
         {GOTO}
         expect = "refused"
         """).rows
-    assert (row.points, row.visible, row.number, row.node) == (2.0, True, "1", "safety")
+    assert (row.points, row.visible, row.number, row.about) == (2.0, True, "1", "safety")
 
 
-@pytest.mark.parametrize("file", ["rubric.toml", "hidden.toml"])
+@pytest.mark.parametrize("file", ["rubric.toml", "extra.toml", "hidden.toml"])
 def test_the_built_in_rows_are_a_rubric_with_hints(file: str):
     made = rubric(tomllib.loads((LAB / file).read_text("utf-8")), file)
     assert all(row.hint and row.points and row.number for row in made.rows)
-    assert [row.visible for row in made.rows] == [file == "rubric.toml"] * len(made.rows)
+    assert [row.visible for row in made.rows] == [file != "hidden.toml"] * len(made.rows)
 
 
 @pytest.mark.parametrize(
@@ -98,6 +98,14 @@ def test_the_built_in_rows_are_a_rubric_with_hints(file: str):
             "two rows have the name 'a'",
         ),
         ("[[row]]\nname = 'a'\nexpect = 'refused'\nrows = [{ at = 1.0, do = 'fly' }]", "fly"),
+        (f"[[row]]\nname = 'a'\nexpect = 'prints'\n{GOTO}", "prints needs lines"),
+        (f"[[row]]\nname = 'a'\nexpect = 'replies'\n{GOTO}", "replies needs a call"),
+        (f"[[row]]\nname = 'a'\nexpect = 'takes_waypoints'\n{GOTO}", "needs `waypoints`"),
+        (
+            "[[row]]\nname = 'a'\nexpect = 'takes_waypoints'\nend = 3.0\n"
+            "waypoints = [{ at = 3.0, x = 1.0, y = 0.0, z = 1.0 }]",
+            "each waypoint needs a later time",
+        ),
     ],
 )
 def test_a_bad_rubric_is_refused_with_its_place(text: str, error: str):
@@ -126,6 +134,7 @@ def judged(
     refuses: bool = False,
     setpoint: float = 0.0,
     shown: Callable[[float], float] = lambda _at: 0.0,
+    **keys: Any,
 ) -> RowVerdict:
     """Return the verdict on 9 s of flight at 1 m along `x` (m), each a function of the time (s)."""
     turn, rates = Quaternion(1, 0, 0, 0), BodyRates(0, 0, 0)
@@ -146,7 +155,7 @@ def judged(
     if refuses:
         outcomes[-1] = Outcome(steps[-1], GotoResponse(False, "no"), None)
     flown = FlownMission(Params(), outcomes, poses, states, readings, setpoints)
-    return judge(RubricRow("r", expect), flown)
+    return judge(RubricRow("r", expect, **keys), flown)
 
 
 @pytest.mark.parametrize(
@@ -267,6 +276,95 @@ def test_a_zeroed_barometer_follows_the_height(sign: int):
     readings = [Pressure(p.stamp, sign * 0.12 * (1 - p.position.z), 0, 0, 0) for p in climbed]
     flown = FlownMission(Params(), [replied(Calibrate(3.0))], climbed, [], readings)
     assert judge(RubricRow("r", "zeroed"), flown).ok is (sign > 0)
+
+
+EACH = [GotoStep(1.0, 4.0, 0.0, 1.0), GotoStep(5.0, 0.0, 0.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("each", "back", "output"),
+    [(False, 5.0, ""), (True, 5.0, ""), (False, 3.5, ""), (True, 3.5, "goto 4 0 1: HOVERING")],
+)
+def test_with_each_every_goal_is_reached_before_the_next(each: bool, back: float, output: str):
+    """The vehicle is on its way back from a time (s) on, the node as if it were there until 5 s."""
+
+    def x(at: float) -> float:
+        out = min(max(2 * (at - 1), 0), 4)
+        return max(out - max(2 * (at - back), 0), 0) if at > back else out
+
+    more: Any = {"hovers": lambda at: at <= 1 or 2.8 < at <= 5 or at > 6.8}
+    if back < 5:
+        more = {"hovers": lambda at: at <= 1 or 4.0 < at <= 5 or at > 5.2}
+    verdict = judged("arrives", EACH, x, each=each, **more)
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
+FLOWN = FlownMission(Params(), [], [], [], [])
+
+
+@pytest.mark.parametrize(
+    ("logged", "holds"),
+    [
+        ("Param: cage x - [-5.0, 5.00]", True),
+        ("[INFO] Param:  cage x - [-5, 5]", True),
+        ("Param: cage x - [-5, 2.0]", False),
+        ("Param: cage y - [-5, 5]", False),
+    ],
+)
+def test_a_printed_line_counts_in_whatever_form_its_numbers_are(logged: str, holds: bool):
+    row = RubricRow("r", "prints", lines=["Param: cage x - [-5, 5]"])
+    assert judge(row, FLOWN._replace(log=["starting", logged])).ok is holds
+
+
+@pytest.mark.parametrize(
+    ("reply", "output"),
+    [
+        ({"baseline": 1013.2, "more": 1}, ""),
+        ({"baseline": 1015}, "the reply's baseline is 1015, not 1013.1"),
+        ({"baseline": True}, "the reply's baseline is True, not 1013.1"),
+        ({}, "the reply's baseline is None, not 1013.1"),
+    ],
+)
+def test_the_fields_of_an_own_services_reply_are_compared(reply: dict[str, Any], output: str):
+    outcomes = [Outcome(CallStep(4.0, "own/calibrate"), reply, None)]
+    row = RubricRow("r", "replies", reply={"baseline": 1013.1}, within=1.0)
+    verdict = judge(row, FLOWN._replace(outcomes=outcomes))
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
+@pytest.mark.parametrize(
+    ("goal", "x", "more", "output"),
+    [
+        (4.0, flight, {"hovers": until(4.8), "verifies": 3.0}, ""),
+        (4.0, flight, {"verifies": 3.0}, "showed HOVERING, VERIFYING, HOVERING"),
+        (4.0, at_rest, {"hovers": until(4.8), "verifies": 3.0}, "4.00 m away from it at 9 s"),
+        (9.0, at_rest, {"verifies": 3.0}, ""),
+        (9.0, at_rest, {}, "showed HOVERING"),
+        (9.0, flight, {"verifies": 3.0}, "is not permitted, but the vehicle moved 4.00 m"),
+    ],
+)
+def test_a_waypoint_is_verified_as_a_requested_goal(
+    goal: float, x: Callable[[float], float], more: dict[str, Any], output: str
+):
+    steps = [WaypointStep(3.0, goal, 0.0, 1.0)]
+    verdict = judged("takes_waypoints", [], x, waypoints=steps, **more)
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
+@pytest.mark.parametrize(("first", "ok"), [(0.0, True), (0.5, True), (3.0, False)])
+def test_before_the_first_reading_a_calibration_may_be_refused(first: float, ok: bool):
+    steps = [Calibrate(first), Calibrate(4.0)]
+    outcomes = [
+        Outcome(steps[0], None, Refused("no reading yet", "")),
+        Outcome(steps[1], CalibrateResponse(AIR), None),
+    ]
+    pose = Pose("b", 0, 0, Position(0, 0, 1), Velocity(0, 0, 0), Quaternion(1, 0, 0, 0), BodyRates(0, 0, 0))  # fmt: skip
+    readings = [Pressure(n / 10, AIR, 0, 0, 0) for n in range(5, 60)]
+    flown = FlownMission(Params(), outcomes, [pose], [], readings)
+    assert judge(RubricRow("r", "answers"), flown).ok is ok
 
 
 AIR = 1013.13

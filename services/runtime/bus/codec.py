@@ -100,7 +100,12 @@ def digest(type_: type[Struct]) -> str:
 
 @cache
 def encoding(type_: type[Struct]) -> str:
-    """Return the Zenoh encoding of a type, e.g. `application/msgpack;quadctl.Pose#0a1b2c3d`."""
+    """Return the Zenoh encoding of a type, e.g. `application/msgpack;quadctl.Pose#0a1b2c3d`.
+
+    A plain table (dict) goes without a type: any schema that it fits takes it.
+    """
+    if type_ is dict:
+        return "application/msgpack"
     return f"{PREFIX}{type_.__name__}#{digest(type_)}"
 
 
@@ -156,7 +161,7 @@ def type_name(encoding: str) -> str:
 
 def check_schema(type_: type[Struct], sent_encoding: str) -> None:
     """Raise SchemaMismatch if the sender's encoding names another type or digest."""
-    if sent_encoding == encoding(type_) or not is_typed(sent_encoding):
+    if type_ is dict or sent_encoding == encoding(type_) or not is_typed(sent_encoding):
         return
     name, _, theirs = sent_encoding.removeprefix(PREFIX).partition("#")
     if name != type_.__name__ or (theirs and theirs != digest(type_)):

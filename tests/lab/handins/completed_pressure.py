@@ -3,7 +3,7 @@
 from collections import deque
 from random import uniform
 
-from quadctl import Node, Params, start
+from quadctl import Node, Params, Refused, start
 from quadctl.schemas.messages import Pressure
 from quadctl.schemas.services import CalibrateRequest, CalibrateResponse
 from quadctl.schemas.topics import CALIBRATE, PRESSURE
@@ -19,6 +19,8 @@ class Barometer:
         node.serve(CALIBRATE, self.on_calibrate)
 
     def on_calibrate(self, request: CalibrateRequest) -> CalibrateResponse:
+        if request.zero and not self.last:
+            raise Refused("no reading yet", "try again")
         self.baseline = sum(self.last) / len(self.last) if request.zero else 0.0
         return CalibrateResponse(self.baseline)
 

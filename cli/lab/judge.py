@@ -5,7 +5,7 @@ import os
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePath
 from random import Random
 from secrets import token_hex
@@ -31,7 +31,7 @@ from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.executor import HAS_BLOCKED
-from quadctl.services.runtime.process_table import QUICK
+from quadctl.services.runtime.process_table import NOT_READY, QUICK
 from quadctl.services.runtime.procfs import has_ended
 from quadctl.services.runtime.realm import DEFAULT, Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -164,6 +164,7 @@ def fly(
     begins with a new boot. After `until`, on the monotonic clock, the rows that are left give 0. `record` is a file
     for the longest run.
     """
+    hung: dict[str, str] = {}
     groups: dict[tuple[str, str], list[tuple[RubricRow, MissionFile]]] = {}
     for row, made in zip(rubric.rows, rubric.missions, strict=True):
         groups.setdefault((row.about, repr(row.set)), []).append((row, made))
@@ -174,6 +175,9 @@ def fly(
             why = f"quad.toml names no {node} node under [processes]"
             yield from (RowResult.without_flight(row, why) for row, _ in rows)
             continue
+        if node in hung:
+            yield from (RowResult.without_flight(row, hung[node]) for row, _ in rows)
+            continue
         params = rows[0][1].params
         assert params is not None  # noqa: S101 - a rubric's missions have their own
         name = f"lab-{os.getpid()}-{token_hex(2)}"
@@ -181,12 +185,14 @@ def fly(
         file = record if key == longest else ""
         idle = ["pressure"] if node == "safety" else []  # no row about safety reads the barometer
         launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True, guarded=True)
-        yield from _fly_run(launch, rows, node, until)
+        if hangs := (yield from _fly_run(launch, rows, node, until)):
+            hung[node] = hangs
 
 
 def _fly_run(
     launch: Launch, rows: list[tuple[RubricRow, MissionFile]], name: str, until: float
-) -> Iterator[RowResult]:
+) -> Generator[RowResult, None, str]:
+    """Fly the rows of a run; return why its node is waited for no more, empty if it is."""
     done, blocked = 0, ""
     try:
         with (
@@ -211,6 +217,9 @@ def _fly_run(
         # The node did not start, or the run has gone: its rows give 0, the others are flown.
         for row, _ in rows[done:]:
             yield RowResult.without_flight(row, _with_cause(problem.message, Path(launch.folder)))
+        if f"{name} {NOT_READY}" in problem.message:
+            return f"not flown: {problem.message.splitlines()[0]}"
+    return ""
 
 
 _LAST_LINES = "; its last lines:"

@@ -6,7 +6,7 @@ where its report is the question.
 
 import re
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import groupby, pairwise
 from math import dist, inf
 from typing import NamedTuple
 
@@ -148,18 +148,20 @@ def _arrives(row: RubricRow, flown: FlownMission) -> RowVerdict:
     if fault := _refused_from_the_first(flown):
         return RowVerdict(False, fault)
     goals = gotos(flown)
-    for number, outcome in enumerate(goals if row.each else goals[-1:], 1):
-        if not outcome.accepted:
-            return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
-        flight = flown
-        if row.each and number < len(goals):
-            flight = until(flown, goals[number].step.at - _BEFORE)
-        if fault := _wrong_flight(flight, outcome):
-            return RowVerdict(False, f"{outcome.step}: {fault}")
-        there = _there(row, flight, outcome)
-        if not there.ok:
-            return there
-    return there
+    for outcome, later in pairwise(goals) if row.each else ():
+        verdict = _flight_to(row, until(flown, later.step.at - _BEFORE), outcome)
+        if not verdict.ok:
+            return verdict
+    return _flight_to(row, flown, goals[-1])
+
+
+def _flight_to(row: RubricRow, flown: FlownMission, outcome: Outcome) -> RowVerdict:
+    """Return the verdict on a goal that has to be accepted, and on the flight to it until the end."""
+    if not outcome.accepted:
+        return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
+    if fault := _wrong_flight(flown, outcome):
+        return RowVerdict(False, f"{outcome.step}: {fault}")
+    return _there(row, flown, outcome)
 
 
 def _refused_from_the_first(flown: FlownMission) -> str:

@@ -22,6 +22,8 @@ QUICK = 2.0
 HEALTHY = 10.0
 """Seconds of health after which earlier quick deaths are forgotten."""
 MOST_QUICK_DEATHS = 5
+NOT_READY = "is not ready"
+"""Part of a supervisor's line on a process that is up, and has not announced itself in time."""
 START_TIMEOUT = 10.0
 """Seconds in which a process must announce itself."""
 GRACE = 0.3
@@ -183,8 +185,8 @@ class RestartPolicy:
     def timed_out(self, now: float, answer_timeout: float) -> str:
         """Return why a running process must be ended; empty if it need not."""
         if self.state != "ready":
-            late = now - self._started >= START_TIMEOUT
-            return f"not ready in {START_TIMEOUT:g} s" if late else ""
+            limit = max(START_TIMEOUT, answer_timeout)
+            return f"not ready in {limit:g} s" if now - self._started >= limit else ""
         return f"no answer for {answer_timeout:g} s" if self.silence(now) > answer_timeout else ""
 
     def on_exit(self, now: float, code: int | None = None) -> float | None:

@@ -102,8 +102,10 @@ def test_the_built_in_rows_are_a_rubric_with_hints(file: str):
         (f"[[row]]\nname = 'a'\nexpect = 'replies'\n{GOTO}", "replies needs a call"),
         (f"[[row]]\nname = 'a'\nexpect = 'takes_waypoints'\n{GOTO}", "needs `waypoints`"),
         (
-            "[[row]]\nname = 'a'\nexpect = 'takes_waypoints'\nend = 3.0\n"
-            "waypoints = [{ at = 3.0, x = 1.0, y = 0.0, z = 1.0 }]",
+            (
+                "[[row]]\nname = 'a'\nexpect = 'takes_waypoints'\nend = 3.0\n"
+                "waypoints = [{ at = 3.0, x = 1.0, y = 0.0, z = 1.0 }]"
+            ),
             "each waypoint needs a later time",
         ),
     ],

@@ -14,6 +14,7 @@ from quadctl.services.runtime import (
 from quadctl.services.runtime.errors import AlreadyServed
 from quadctl.services.runtime.process_table import (
     GRACE,
+    NOT_READY,
     PING_EVERY,
     QUICK,
     START_TIMEOUT,
@@ -244,17 +245,17 @@ class Supervisor:
                 self._inbox.get(timeout=left)()
 
     def _verdict(self) -> str | None:
-        now = time.monotonic()
+        now, limit = time.monotonic(), max(START_TIMEOUT, self._launch.answer_timeout)
         for name, row in self._rows.items():
             last = self._logs.last(name)
             if row.life.state == "down":
                 return f"{name} does not stay up; its last lines:\n{last}"
             if row.life.name_taken and now - self._launched > QUICK:
                 return f"another process has the name {name} already; its last lines:\n{last}"
-            if now - self._progressed > START_TIMEOUT and row.life.state != "ready":
+            if now - self._progressed > limit and row.life.state != "ready":
                 return (
-                    f"{name} is not ready: {self._how_far()}, none of them in the last"
-                    f" {START_TIMEOUT:g} s\n{last}"
+                    f"{name} {NOT_READY}: {self._how_far()}, none of them in the last"
+                    f" {limit:g} s\n{last}"
                 )
         ready = all(row.life.state == "ready" for row in self._rows.values())
         return "" if ready else None

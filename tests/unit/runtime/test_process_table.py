@@ -118,6 +118,9 @@ def test_a_process_that_does_not_become_ready_times_out():
     life.started(5.0)
     assert life.timed_out(5.0 + START_TIMEOUT - 0.01, TIMEOUT) == ""
     assert life.timed_out(5.0 + START_TIMEOUT, TIMEOUT) == "not ready in 10 s"
+    # One that may be silent for long may take as long to start.
+    assert life.timed_out(5.0 + START_TIMEOUT, 40.0) == ""
+    assert life.timed_out(45.0, 40.0) == "not ready in 40 s"
     life.started(20.0)
     assert life.timed_out(21.0, TIMEOUT) == ""
 

@@ -29,7 +29,7 @@ from quadctl.services.campaign.mission import mission as random_mission
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.errors import QuadctlError, TimedOut
 from quadctl.services.runtime.executor import HAS_BLOCKED
 from quadctl.services.runtime.process_table import NOT_READY, QUICK
 from quadctl.services.runtime.procfs import has_ended
@@ -429,6 +429,18 @@ def _random(seed: int, params: Params, seconds: float) -> MissionFile:
     return MissionFile(rows, seconds + _TAKEOFF)
 
 
+def _unanswered(record: Witness) -> str:
+    """Return which pose safety has not answered, so that time stands still; empty if it has."""
+    due = max((pose.seq for pose in record.poses if not pose.seq % _DUE), default=-1)
+    last = max((setpoint.for_seq for setpoint in record.setpoints), default=-1)
+    if last >= due:
+        return ""
+    answered = f"the last one was for pose {last}" if last >= 0 else "none has come"
+    return f"safety owes a setpoint for pose {due}: {answered}"
+
+
+_DUE = round(POSE.hz / SETPOINT.hz)
+"""Poses from one that safety answers to the next."""
 _TAKEOFF = 3.0
 """Simulated seconds for the take-off."""
 
@@ -445,7 +457,12 @@ def _flown(client: Client, params: Params, made: MissionFile, row: RubricRow) ->
 
     if waypoints:
         requests = client.raw_publisher(REQUEST.key(client.vehicle), codec.encoding(REQUEST.type))
-    flight.fly(publish_due)
+    try:
+        flight.fly(publish_due)
+    except TimedOut as problem:
+        if fault := _unanswered(flight.record):
+            raise TimedOut(f"{problem.message}; {fault}", problem.hint) from problem
+        raise
     record = flight.record
     outcomes = [Outcome(step, call.reply, call.problem) for step, call in flight.rows]
     return FlownMission(

@@ -159,9 +159,18 @@ def _flight_to(row: RubricRow, flown: FlownMission, outcome: Outcome) -> RowVerd
     """Return the verdict on a goal that has to be accepted, and on the flight to it until the end."""
     if not outcome.accepted:
         return RowVerdict(False, f"{outcome.step}: {_refusal(outcome)}")
-    if fault := _wrong_flight(flown, outcome):
-        return RowVerdict(False, f"{outcome.step}: {fault}")
-    return _there(row, flown, outcome)
+    fault = _wrong_flight(flown, outcome)
+    there = RowVerdict(False, f"{outcome.step}: {fault}") if fault else _there(row, flown, outcome)
+    return there if there.ok else RowVerdict(False, f"{there.output}{_other_goal(flown, outcome)}")
+
+
+def _other_goal(flown: FlownMission, outcome: Outcome) -> str:
+    """Return that a node shows, and so flies to, another goal than the accepted one; else nothing."""
+    _, since = _shown(flown, outcome.step.at)
+    shown = next((each.goal for each in since if each.state == "MOVING"), None)
+    if shown is None or dist(astuple(shown), goal_of(outcome.step)) < _SAME:
+        return ""
+    return f"; safety/state shows the goal {shown.x:g} {shown.y:g} {shown.z:g}"
 
 
 def _refused_from_the_first(flown: FlownMission) -> str:
@@ -341,8 +350,8 @@ def _parameter_obeyed(_row: RubricRow, flown: FlownMission) -> RowVerdict:
             continue
         permitted = cage.permits(number, outcome.step)
         if outcome.accepted is not permitted:
-            verdict = "accepted" if outcome.accepted else "refused"
-            return RowVerdict(False, f"{outcome.step}: was {verdict} with {cage.text(number)}")
+            verdict = "accepted" if outcome.accepted else _refusal(outcome)
+            return RowVerdict(False, f"{outcome.step}: was {verdict}, with {cage.text(number)}")
         if not permitted and (fault := _wrong_refusal(flown, outcome)):
             return RowVerdict(False, f"{outcome.step}: {fault}")
     return RowVerdict(True, f"each verdict is that of {cage.text(-1)}")

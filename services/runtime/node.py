@@ -1,6 +1,7 @@
 """Node: a service of one vehicle on the bus, with one loop for all its handlers."""
 
 import logging
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -113,6 +114,7 @@ class Node:
         answer to the first would else interrupt the others. Raises NotAllowed if a guarded node may
         not publish the topic.
         """
+        _require(topic, Topic, "STATE")
         key = topic.key(self.vehicle)
         self._check("publish", key)
         self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
@@ -139,6 +141,7 @@ class Node:
         not wake the loop is handled at its next call or tick. In a node that follows simulated
         time, it advances to each pose before the pose's handler runs.
         """
+        _require(topic, Topic, "POSE_SLOW")
         advances = handler is not None and self._follows and topic in _POSES
         if handler is not None and advances:
             handler, depth = self._advancing(handler), _ALL
@@ -209,6 +212,7 @@ class Node:
         With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises
         AlreadyServed when another node serves it, NotAllowed if a guarded node may not.
         """
+        _require(service, Service, "TOGGLE_CAGE")
         self._check("serve", service.key(self.vehicle))
         journal = None
         if not service.reads:
@@ -216,10 +220,13 @@ class Node:
 
         def handle(request: Q) -> R:
             try:
-                return handler(request)
+                reply = handler(request)
             finally:
                 # What was published before a reply must reach a caller before it.
                 self.executor.flush()
+            if not isinstance(reply, service.response):
+                raise TypeError(_wrong_reply(handler, reply, service.response))
+            return reply
 
         server = Server(self.vehicle, service, handle, self._schedule, journal)
         if other := self._servers.get(server.key):
@@ -451,3 +458,17 @@ class _VehicleLog(logging.LoggerAdapter[logging.Logger]):
 
     def process(self, msg: Any, kwargs: Any) -> Any:
         return f"{self._vehicle}: {msg}", kwargs
+
+
+def _require(given: Any, kind: type, example: str) -> None:
+    """Raise TypeError if a program names a topic or service by a text, as in other systems."""
+    if not isinstance(given, kind):
+        raise TypeError(
+            f"{given!r} is no {kind.__name__}: give one, e.g. {example} of quadctl.schemas.topics"
+        )
+
+
+def _wrong_reply(handler: Callable[..., Any], reply: Any, response: type) -> str:
+    name, code = getattr(handler, "__qualname__", repr(handler)), getattr(handler, "__code__", None)
+    place = f" ({os.path.basename(code.co_filename)}, line {code.co_firstlineno})" if code else ""  # noqa: PTH119 - pathlib is slow
+    return f"{name}{place} returned {reply!r:.80}, not a {response.__name__}"

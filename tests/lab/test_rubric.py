@@ -208,7 +208,7 @@ def until(end: float) -> Callable[[float], bool]:
             "but input/position had it, for pose 0",
         ),
         ("refused", flight, {"verifies": 3.0}, "was refused, but the vehicle moved 4.00 m"),
-        ("parameter_obeyed", at_rest, {"verifies": 3.0}, "was refused with a cage of 5 5 5"),
+        ("parameter_obeyed", at_rest, {"verifies": 3.0}, "was refused, no, with a cage of 5 5 5"),
         ("arrives", flight, {"hovers": until(4.8)}, ""),
         ("arrives", flight, {"hovers": until(4.3)}, "HOVERING 1.40 m from it"),
         ("arrives", flight, {"hovers": until(6.0)}, "HOVERING 1.2 s after it was 0.5 m away"),

@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from typing import Any, TypeVar
 
@@ -99,7 +100,7 @@ def digest(type_: type[Struct]) -> str:
 
 
 @cache
-def encoding(type_: type[Struct]) -> str:
+def encoding(type_: type[Any]) -> str:
     """Return the Zenoh encoding of a type, e.g. `application/msgpack;quadctl.Pose#0a1b2c3d`.
 
     A plain table (dict) goes without a type: any schema that it fits takes it.
@@ -145,8 +146,20 @@ def decode_fields(type_: type[M], payload: bytes) -> M:
         hint = (
             f"`quadctl type show {name}` prints its fields" if ours else f"see {name} in its node"
         )
-        raise Invalid(f"not a valid {name}: {error}", hint) from error
+        raise Invalid(f"not a valid {name}: {error}{_found(payload, error)}", hint) from error
     return message
+
+
+def _found(payload: bytes, error: Exception) -> str:
+    """Return the number that an error of msgspec is about; it names the field alone."""
+    path = str(error).partition(" - at `$.")[2].rstrip("`")
+    with suppress(msgspec.DecodeError, UnicodeDecodeError, RecursionError, LookupError, TypeError):
+        value = msgspec.msgpack.decode(payload)
+        for name in path.split(".") if path else ():
+            value = value[name]
+        if isinstance(value, int | float):
+            return f": it is {value!r}"
+    return ""
 
 
 def is_typed(encoding: str) -> bool:
@@ -159,7 +172,7 @@ def type_name(encoding: str) -> str:
     return encoding.removeprefix(PREFIX).partition("#")[0] if is_typed(encoding) else ""
 
 
-def check_schema(type_: type[Struct], sent_encoding: str) -> None:
+def check_schema(type_: type[Any], sent_encoding: str) -> None:
     """Raise SchemaMismatch if the sender's encoding names another type or digest."""
     if type_ is dict or sent_encoding == encoding(type_) or not is_typed(sent_encoding):
         return

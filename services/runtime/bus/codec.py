@@ -82,6 +82,9 @@ M = TypeVar("M", bound=Struct)
 ERROR_ENCODING = "application/json;quadctl.Error"
 PREFIX = "application/msgpack;quadctl."
 
+_PLAIN: Any = dict
+"""Type of a table without a schema, for a service of another author."""
+
 encode = msgspec.msgpack.encode
 
 _building = threading.Lock()
@@ -100,12 +103,12 @@ def digest(type_: type[Struct]) -> str:
 
 
 @cache
-def encoding(type_: type[Any]) -> str:
+def encoding(type_: type[Struct]) -> str:
     """Return the Zenoh encoding of a type, e.g. `application/msgpack;quadctl.Pose#0a1b2c3d`.
 
     A plain table (dict) goes without a type: any schema that it fits takes it.
     """
-    if type_ is dict:
+    if type_ is _PLAIN:
         return "application/msgpack"
     return f"{PREFIX}{type_.__name__}#{digest(type_)}"
 
@@ -172,9 +175,9 @@ def type_name(encoding: str) -> str:
     return encoding.removeprefix(PREFIX).partition("#")[0] if is_typed(encoding) else ""
 
 
-def check_schema(type_: type[Any], sent_encoding: str) -> None:
+def check_schema(type_: type[Struct], sent_encoding: str) -> None:
     """Raise SchemaMismatch if the sender's encoding names another type or digest."""
-    if type_ is dict or sent_encoding == encoding(type_) or not is_typed(sent_encoding):
+    if type_ is _PLAIN or sent_encoding == encoding(type_) or not is_typed(sent_encoding):
         return
     name, _, theirs = sent_encoding.removeprefix(PREFIX).partition("#")
     if name != type_.__name__ or (theirs and theirs != digest(type_)):

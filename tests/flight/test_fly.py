@@ -200,6 +200,64 @@ def test_a_loop_that_sleeps_answers_its_calls(lab: Lab):
         assert lab.quadctl("goto", x, 0, 1).code == (5 if x == 9 else 0)
 
 
+BATTERY = """
+import time
+from collections import deque
+from msgspec import Struct
+from quadctl import Node, Params, Service, start
+from quadctl.schemas.topics import POSE_SLOW
+
+class ChargeRequest(Struct):
+    volts: float
+
+class ChargeResponse(Struct):
+    success: bool
+    volts: float
+    reason: str = ""
+
+CHARGE = Service("own/charge", ChargeRequest, ChargeResponse, node="own-battery", doc="Charges.")
+
+def charge(request):
+    ok = request.volts < 13
+    return ChargeResponse(ok, request.volts, "" if ok else "too much")
+
+def run(node: Node, params: Params) -> None:
+    poses = deque()
+    node.serve(CHARGE, charge)
+    node.listen(POSE_SLOW, poses.append)
+    node.ready()
+    while not node.stopping:
+        if node.wait_for(lambda: bool(poses), 1.0):
+            poses.popleft()
+            time.sleep(0.001)  # longer than a pose takes at this speed
+
+start("own-battery", run)
+"""
+
+
+def test_a_mission_calls_a_service_of_ones_own_by_name_and_by_type(lab: Lab):
+    lab.file(BATTERY, "battery.py")
+    config = lab.file('[processes]\nown-battery = "python battery.py"\n')
+    lab.start(config, "--set", "dynamics.speed=0")
+    rows = (
+        '{ at = 1.0, do = "call", service = "own/charge", request = { volts = 12.5 } }',
+        '{ at = 1.5, do = "call", service = "Charge", request = { volts = 20 } }',
+    )
+    mission = lab.file(f"end = 2.0\nrows = [{', '.join(rows)}]", "mission.toml")
+    done = lab.quadctl("fly", mission)
+    assert done.code == 0, done.err
+    assert done.out.splitlines()[:2] == [
+        "1.00 s  call own/charge volts=12.5  success true, volts 12.5",
+        "1.50 s  call Charge volts=20        rejected: too much",
+    ]
+    lab.file('rows = [{ at = 1.0, do = "call", service = "Charg" }]', "mission.toml")
+    done = lab.quadctl("fly", mission)
+    assert (done.code, done.err) == (
+        6,
+        "error: there is no service of the type Charg\n  try: did you mean Charge?\n",
+    )
+
+
 def test_a_node_in_any_style_flies_the_same_mission(lab: Lab):
     mission = lab.file(
         """end = 5.0

@@ -445,6 +445,28 @@ def test_a_handler_that_blocks_is_named_and_waited_for_twice(lab: Lab):
     assert [first.startswith("not flown") for first in firsts] == [False, False, True, True]
 
 
+@pytest.mark.thorough
+def test_a_wrong_reply_names_its_handler(lab: Lab):
+    handin = broken(lab.folder, "        return ToggleCageResponse(True)\n", "")
+    row = (
+        '[[row]]\nname = "toggles"\nexpect = "answers"\nend = 5.0\n'
+        'rows = [{ at = 4.0, do = "cage", on = false }]\n'
+    )
+    found = graded(lab, handin, "--rubric", lab.file(row, "own.toml"))["completed"]
+    assert found["1"].startswith(
+        "safety failed: TypeError: Safety.on_toggle (my_safety.py, line 57) returned None, not a"
+        " ToggleCageResponse"
+    )
+
+
+def test_a_pose_that_safety_does_not_answer_is_named(lab: Lab):
+    handin = broken(
+        lab.folder, "        self.setpoints.put(", "        if pose.seq < 100: self.setpoints.put("
+    )
+    found = graded(lab, handin, "--rubric", lab.file(GOAL_AHEAD, "own.toml"))["completed"]
+    assert "time stopped at 1 s; safety owes a setpoint for pose 100: the last one" in found["1"]
+
+
 SYNTAX = """\
   File "/handin/sub/a.py", line 111
     def f(:

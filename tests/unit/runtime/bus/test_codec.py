@@ -15,7 +15,14 @@ from msgspec import Struct
 
 from quadctl.cli import output
 from quadctl.schemas.messages import Info, Pose, SafetyState, Waypoint
-from quadctl.schemas.services import CalibrateRequest, Call, Error, GotoRequest, SetParamsRequest
+from quadctl.schemas.services import (
+    CalibrateRequest,
+    CalibrateResponse,
+    Call,
+    Error,
+    GotoRequest,
+    SetParamsRequest,
+)
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.codec import to_jsonable
 from quadctl.services.runtime.errors import (
@@ -270,6 +277,11 @@ def test_well_formed_nonsense_raises_only_invalid(type_: type[Struct], data: st.
 def test_hostile_payloads_raise_only_invalid(type_: type[Struct], payload: bytes):
     with pytest.raises(Invalid, match="not a valid"):
         codec.decode(type_, payload, "")
+
+
+def test_a_number_beyond_its_bounds_is_named():
+    with pytest.raises(Invalid, match=r"`\$\.baseline`: it is 6079\.5$"):
+        codec.decode(CalibrateResponse, codec.encode({"baseline": 6079.5}), "")
 
 
 @pytest.mark.parametrize("error", WIRE_ERRORS.values())

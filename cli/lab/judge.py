@@ -29,6 +29,7 @@ from quadctl.services.campaign.mission import mission as random_mission
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
+from quadctl.services.runtime.bus.session import LEASE_PATIENT_MS
 from quadctl.services.runtime.errors import QuadctlError, TimedOut
 from quadctl.services.runtime.executor import HAS_BLOCKED
 from quadctl.services.runtime.process_table import NOT_READY, QUICK
@@ -38,8 +39,8 @@ from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.supervisor import control
 from quadctl.services.runtime.supervisor.launch import Launch
 
-_TIMEOUT = 3.0
-"""Seconds that a reply may take, and a pose."""
+_PATIENCE = LEASE_PATIENT_MS / 1000
+"""Seconds that a reply may take, and a pose: on a busy machine a node waits long for a processor."""
 _LONGEST = 10_000
 """Most characters of a row's output: a hand-in writes parts of it."""
 Wrap = Callable[[Realm, list[str]], list[str]]
@@ -193,25 +194,25 @@ def _fly_run(
     launch: Launch, rows: list[tuple[RubricRow, MissionFile]], name: str, until: float
 ) -> Generator[RowResult, None, str]:
     """Fly the rows of a run; return why its node is waited for no more, empty if it is."""
-    done, blocked = 0, ""
+    done, before, hangs = 0, "", ""
     try:
         with (
             temporary_run(launch) as realm,
-            Client(launch.realm, DEFAULT, timeout=_TIMEOUT) as client,
+            Client(launch.realm, DEFAULT, timeout=_PATIENCE) as client,
         ):
-            node, now = _StudentNode(realm, name, Path(launch.folder)), ""
+            node = _StudentNode(realm, name, Path(launch.folder))
             for row, made in rows:
                 if time.monotonic() > until:
                     yield RowResult.without_flight(row, NOT_FLOWN)
-                elif why := blocked or node.renew():
+                elif hangs and hangs == before:
+                    # What hangs in one row and again in the next is waited for no more.
+                    yield RowResult.without_flight(row, f"not flown: {hangs}")
+                elif why := node.renew():
                     yield RowResult.without_flight(row, why)
                 else:
-                    result = _fly_row(client, node, launch.params, row, made)
+                    before = hangs
+                    result, hangs = _fly_row(client, node, launch.params, row, made)
                     yield result
-                    # A handler that blocks in one row and again in the next is waited for no more.
-                    before, now = now, "" if result.ok else node.blocked()
-                    if now and now == before:
-                        blocked = f"not flown: {now}"
                 done += 1
     except QuadctlError as problem:
         # The node did not start, or the run has gone: its rows give 0, the others are flown.
@@ -238,20 +239,25 @@ def _with_cause(message: str, folder: Path) -> str:
 
 def _fly_row(
     client: Client, node: "_StudentNode", params: Params, row: RubricRow, made: MissionFile
-) -> RowResult:
+) -> tuple[RowResult, str]:
+    """Return the result of a row, and what hung in it; empty if nothing did."""
     try:
         if row.expect == "random_flights":
-            verdict = _random_flights(client, params, row)
+            verdict = _random_flights(client, node, params, row)
         else:
-            flown = _flown(client, params, made, row)
+            flown = _flown(client, node, params, made, row)
             if row.expect == "prints":
                 flown = flown._replace(log=node.written(lambda log: prints(row, log).ok))
             verdict = judge(row, flown)
     except QuadctlError as problem:
-        return RowResult.without_flight(row, node.explained(problem))
+        silent = (
+            f"{row.about} keeps the simulation waiting" if isinstance(problem, TimedOut) else ""
+        )
+        why = node.explained(problem)
+        return RowResult.without_flight(row, why), node.blocked() or silent
     if not verdict.ok and (crash := node.crash()):
-        return RowResult.without_flight(row, crash)
-    return RowResult.of(row, verdict)
+        return RowResult.without_flight(row, crash), ""
+    return RowResult.of(row, verdict), "" if verdict.ok else node.blocked()
 
 
 _FRAME = re.compile(r'\s+File "(.+)", line (\d+)')
@@ -327,6 +333,11 @@ class _StudentNode:
         lines = [line for line in self._lines() if HAS_BLOCKED in line]
         return f"{self._name} is blocked: {lines[-1]}" if lines else ""
 
+    def check(self) -> None:
+        """Raise QuadctlError if it has crashed or is blocked, so that a flight need not wait for it."""
+        if self.crash() or self.blocked():
+            raise QuadctlError(f"{self._name} keeps the simulation waiting")
+
     def explained(self, problem: QuadctlError) -> str:
         """Return what ended a row's flight: the node's crash, its error in a handler, or neither."""
         # The supervisor writes its record a moment after a process has ended, or later if it is busy.
@@ -398,9 +409,11 @@ _NOTICED, _NOTICED_AT_LAST, _LOOK = 0.3, 10.0, 0.02
 """Seconds until a process ends, until its end is in the record, and between two looks at both."""
 
 
-def _random_flights(client: Client, params: Params, row: RubricRow) -> RowVerdict:
+def _random_flights(
+    client: Client, node: "_StudentNode", params: Params, row: RubricRow
+) -> RowVerdict:
     for seed in range(row.seed, row.seed + row.flights):
-        flown = _flown(client, params, _random(seed, params, row.seconds), row)
+        flown = _flown(client, node, params, _random(seed, params, row.seconds), row)
         verdict = random_flight(flown)
         if not verdict.ok:
             return RowVerdict(False, f"seed {seed}: {verdict.output}")
@@ -445,9 +458,12 @@ _TAKEOFF = 3.0
 """Simulated seconds for the take-off."""
 
 
-def _flown(client: Client, params: Params, made: MissionFile, row: RubricRow) -> FlownMission:
+def _flown(
+    client: Client, node: "_StudentNode", params: Params, made: MissionFile, row: RubricRow
+) -> FlownMission:
     others = ["pressure"] if row.about == "pressure" else []
-    flight = MissionFlight(client, made, Witness, ("dynamics", "safety", *others))
+    nodes = ("dynamics", "safety", *others)
+    flight = MissionFlight(client, made, Witness, nodes, on_silence=node.check)
     waypoints = deque(row.waypoints)
 
     def publish_due(now: float) -> None:

@@ -57,6 +57,7 @@ from quadctl.services.runtime.supervisor.launch import Launch
 
 _BACKLOG = 200_000  # messages that may wait while this process is not scheduled; none may be lost
 _LOOK = 0.02  # s between two reads: a wake for each message would slow down the flight
+_SILENCE = 1.0  # s without a pose, which may have a cause
 _PATIENCE = 60.0
 _SLOWER = 20.0
 """A mission may take _PATIENCE s plus this many times its length at the requested speed."""
@@ -77,12 +78,15 @@ class MissionFlight(Generic[R]):
         nodes: Collection[str] = NODES,
         *,
         silence: float = 0.0,
+        on_silence: Callable[[], None] = lambda: None,
     ) -> None:
         """Read the parameters; raise Unreachable or TimedOut if a node does not answer.
 
         `record` makes the record of a boot up to a time (s); of the lab's nodes, `nodes` take part.
         A flight is given up when no pose comes for the longer of `silence` and the client's timeout (s).
+        Meanwhile `on_silence` is called again and again, and may raise.
         """
+        self._on_silence = on_silence
         self._client, self._mission, self._nodes = client, mission, nodes
         self._silence = max(silence, client.timeout)
         self.parameters: dict[str, Any] = {}
@@ -173,11 +177,13 @@ class MissionFlight(Generic[R]):
             if self._record_waiting():
                 moved = time.monotonic()
                 on_progress(record.stamp)
-            elif time.monotonic() > moved + patience and record.stamp < self._mission.end:
-                raise TimedOut(
-                    f"no new pose for {patience:g} s: time stopped at {max(record.stamp, 0):g} s",
-                    "`quadctl status` shows whether dynamics and safety are up",
-                )
+            elif time.monotonic() > moved + min(_SILENCE, patience):
+                self._on_silence()
+                if time.monotonic() > moved + patience and record.stamp < self._mission.end:
+                    raise TimedOut(
+                        f"no new pose for {patience:g} s: time stopped at {max(record.stamp, 0):g} s",
+                        "`quadctl status` shows whether dynamics and safety are up",
+                    )
         # A node that has reached the end has published everything before it.
         self._record_waiting()
 

@@ -100,7 +100,8 @@ def _run(
         opening = opening or _open_client
         ending, again, patience = ShutdownEvent(), True, 0.0
         while again:
-            with opening(address, next(iter(fleet.values())), realm) as opened:
+            first = next(iter(fleet.values()))
+            with session.closing(opening(address, first, realm)) as opened:
                 _check_welcome(opened, options.connect)
                 try:
                     # With certificates, a question about all vehicles has no answer.

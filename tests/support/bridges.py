@@ -51,4 +51,4 @@ def bridged(lab: Lab, name: str, *options: str) -> Iterator[Foreground]:
     finally:
         if not process.ended:
             process.send(signal.SIGTERM)
-            assert process.wait() == 0
+            assert process.wait() == 0, process.log

@@ -10,7 +10,7 @@ from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import Service, Topic, topic_of
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import RawServiceClient, ServiceClient
-from quadctl.services.runtime.bus.session import connect_to_hub
+from quadctl.services.runtime.bus.session import close, connect_to_hub
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -172,7 +172,7 @@ class Client:
     def close(self) -> None:
         """Close the connection."""
         if self._hub.is_there:
-            self.session.close()
+            close(self.session)
         else:
             _lost.append(self)
 

@@ -6,7 +6,7 @@ Nothing listens on a network port by default, and multicast is off. The settings
 import contextlib
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -168,6 +168,33 @@ def common_config(address: Address) -> dict[str, Any]:
     if address.user:
         transport["auth"] = {"usrpwd": {"user": address.user, "password": address.password}}
     return {"scouting": {"multicast": {"enabled": False}}, "transport": transport}
+
+
+_CALLS = 5.0
+"""Seconds for the calls of other threads before a session is closed."""
+
+
+@contextlib.contextmanager
+def closing(session: zenoh.Session) -> Iterator[zenoh.Session]:
+    """Close a session with the block."""
+    try:
+        yield session
+    finally:
+        close(session)
+
+
+def close(session: zenoh.Session) -> None:
+    """Close a session; the binding refuses to while another thread is in a call of it."""
+    until = time.monotonic() + _CALLS
+    while True:
+        try:
+            session.close()
+        except RuntimeError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.001)
+        else:
+            return
 
 
 def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:

@@ -19,7 +19,7 @@ from quadctl.cli.lab.flown import FlownMission, Outcome
 from quadctl.cli.lab.rubric import Rubric, RubricRow
 from quadctl.cli.lab.verdict import RowVerdict, judge, prints, random_flight
 from quadctl.cli.mission.fly import MissionFlight
-from quadctl.cli.mission.mission import CageStep, GotoStep, MissionFile
+from quadctl.cli.mission.mission import CageStep, CallStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run
 from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint, Waypoint
 from quadctl.schemas.params import Params
@@ -30,7 +30,7 @@ from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.session import LEASE_PATIENT_MS
-from quadctl.services.runtime.errors import QuadctlError, TimedOut
+from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.executor import HAS_BLOCKED
 from quadctl.services.runtime.process_table import NOT_READY, QUICK
 from quadctl.services.runtime.procfs import has_ended
@@ -462,6 +462,12 @@ def _flown(
     client: Client, node: "_StudentNode", params: Params, made: MissionFile, row: RubricRow
 ) -> FlownMission:
     others = ["pressure"] if row.about == "pressure" else []
+    # A node that is ready has announced all that it serves: nothing is waited for.
+    served = {endpoint.name for endpoint in client.endpoints("@srv")}
+    for step in made.rows:
+        named = isinstance(step, CallStep) and step.type_name
+        if not named and (service := step.call()[0].name) not in served:
+            raise Unreachable(f"{step}: {row.about} does not serve {service}")
     nodes = ("dynamics", "safety", *others)
     flight = MissionFlight(client, made, Witness, nodes, on_silence=node.check)
     waypoints = deque(row.waypoints)

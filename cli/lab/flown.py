@@ -1,9 +1,9 @@
-"""Flown mission of a student's nodes, and the cage that it commanded. Pure."""
+"""Flown mission of a student's nodes, the witness of it, and the cage that it commanded. Pure."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import dist
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from msgspec.structs import astuple
 
@@ -11,6 +11,7 @@ from quadctl.cli.mission.mission import CageStep, GotoStep, ParamStep, Row
 from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import GotoResponse, SetParamsResponse
+from quadctl.schemas.topics import POSE, PRESSURE, SETPOINT, STATE, Topic
 from quadctl.services.campaign.score import Point, inside
 from quadctl.services.campaign.watch import gently, outside
 from quadctl.services.runtime.errors import QuadctlError
@@ -182,3 +183,82 @@ def _changed(now: tuple[Point, bool], step: Row, reply: Any, problem: Any) -> tu
 def permits(flown: FlownMission, outcome: Outcome) -> bool:
     """Return whether the cage that was commanded permits a goal."""
     return Commanded(flown).permits(flown.outcomes.index(outcome), outcome.step)  # type: ignore[arg-type]
+
+
+_DUE = round(POSE.hz / SETPOINT.hz)
+"""Poses from one that safety answers to the next."""
+_SLACK = 1e-6
+"""Seconds of rounding of a time."""
+_MOST_A_SECOND = 1000
+"""Messages of a topic, in a simulated second, that are kept; a node publishes 10 or 20, or 100 where
+it answers each pose at once."""
+
+
+class Witness:
+    """Every message of one boot up to a time (s)."""
+
+    topics: ClassVar[tuple[Topic[Any], ...]] = (POSE, STATE, PRESSURE, SETPOINT)
+
+    def __init__(self, boot: str, end: float) -> None:
+        self.stamp = -1.0
+        self.poses: list[Pose] = []
+        self.states: list[SafetyState] = []
+        self.readings: list[Pressure] = []
+        self.setpoints: list[Setpoint] = []
+        self._boot, self._end, self._count = boot, end, 0
+
+    def add(self, message: Pose | SafetyState | Pressure | Setpoint) -> None:
+        """Take a message; raise QuadctlError for a pose that is missing or not from dynamics."""
+        if isinstance(message, Pose):
+            if message.boot == self._boot:
+                self._add(message)
+        elif isinstance(message, SafetyState):
+            if message.boot == self._boot and message.stamp <= self._end + _SLACK:
+                self.states.append(message)
+                self._check_count(STATE, len(self.states), SETPOINT.hz)
+        elif isinstance(message, Setpoint):
+            if message.boot == self._boot:
+                self.setpoints.append(message)
+                self._check_count(SETPOINT, len(self.setpoints), SETPOINT.hz)
+        elif message.stamp <= self._end + _SLACK:
+            # A reading has no boot: those of its time or later belong to the one before.
+            while self.readings and self.readings[-1].stamp >= message.stamp:
+                self.readings.pop()
+            self.readings.append(message)
+            self._check_count(PRESSURE, len(self.readings), PRESSURE.hz)
+
+    def check(self, _values: Mapping[str, Any], _changes: Iterable[Any]) -> None:
+        """Raise QuadctlError if the flight has not reached its end."""
+        if self.stamp < self._end - _SLACK:
+            raise QuadctlError(f"the flight ended at {self.stamp:g} s of {self._end:g} s")
+
+    def unanswered(self) -> str:
+        """Return which pose safety has not answered, so that time stands still; empty if it has."""
+        due = max((pose.seq for pose in self.poses if not pose.seq % _DUE), default=-1)
+        last = max((setpoint.for_seq for setpoint in self.setpoints), default=-1)
+        if last >= due:
+            return ""
+        answered = f"the last one was for pose {last}" if last >= 0 else "none has come"
+        return f"safety owes a setpoint for pose {due}: {answered}"
+
+    def _check_count(self, topic: Topic[Any], count: int, expected: float) -> None:
+        if count > _MOST_A_SECOND * (self._end + 1):
+            raise QuadctlError(
+                f"{topic.node} published {count} messages on {topic.name} until"
+                f" {max(self.stamp, 0):g} s: {expected:g} a second are expected"
+            )
+
+    def _add(self, pose: Pose) -> None:
+        count = self._count
+        # In lock-step an unanswered pose is published again; each comes once from dynamics.
+        if pose.seq < count and (pose.seq >= len(self.poses) or pose == self.poses[pose.seq]):
+            return
+        if pose.seq != count:
+            raise QuadctlError(
+                f"pose {pose.seq} came {'twice, and differs' if pose.seq < count else 'too early'}:"
+                " dynamics alone may publish poses"
+            )
+        self.stamp, self._count = pose.stamp, count + 1
+        # The vehicle flies on until the last node has reached the end: how far is chance.
+        if pose.stamp <= self._end + _SLACK:
+            self.poses.append(pose)

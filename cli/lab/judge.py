@@ -10,20 +10,20 @@ from pathlib import Path, PurePath
 from random import Random
 from secrets import token_hex
 from textwrap import dedent
-from typing import Any, ClassVar
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from quadctl.cli.lab.flown import FlownMission, Outcome
+from quadctl.cli.lab.flown import FlownMission, Outcome, Witness
 from quadctl.cli.lab.rubric import Rubric, RubricRow
 from quadctl.cli.lab.verdict import RowVerdict, judge, prints, random_flight
 from quadctl.cli.mission.fly import MissionFlight
 from quadctl.cli.mission.mission import CageStep, CallStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run
-from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint, Waypoint
+from quadctl.schemas.messages import Waypoint
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, SETPOINT, STATE, Topic
+from quadctl.schemas.topics import PRESSURE, REQUEST
 from quadctl.services.campaign.mission import FAR, CageEvent, Conditions, GotoEvent
 from quadctl.services.campaign.mission import mission as random_mission
 from quadctl.services.runtime import run_files
@@ -81,74 +81,6 @@ _COPY = re.compile(r"(?:|/.*/quadctl-lab-[^/]+/root/\d+)/handin/(.+)")
 """File of a hand-in as its own nodes see it: in namespaces, or in the grader's temporary folder."""
 
 
-_SLACK = 1e-6
-"""Seconds of rounding of a time."""
-_MOST_A_SECOND = 1000
-"""Messages of a topic, in a simulated second, that are kept; a node publishes 10 or 20, or 100 where
-it answers each pose at once."""
-
-
-class Witness:
-    """Every message of one boot up to a time (s)."""
-
-    topics: ClassVar[tuple[Topic[Any], ...]] = (POSE, STATE, PRESSURE, SETPOINT)
-
-    def __init__(self, boot: str, end: float) -> None:
-        self.stamp = -1.0
-        self.poses: list[Pose] = []
-        self.states: list[SafetyState] = []
-        self.readings: list[Pressure] = []
-        self.setpoints: list[Setpoint] = []
-        self._boot, self._end, self._count = boot, end, 0
-
-    def add(self, message: Pose | SafetyState | Pressure | Setpoint) -> None:
-        """Take a message; raise QuadctlError for a pose that is missing or not from dynamics."""
-        if isinstance(message, Pose):
-            if message.boot == self._boot:
-                self._add(message)
-        elif isinstance(message, SafetyState):
-            if message.boot == self._boot and message.stamp <= self._end + _SLACK:
-                self.states.append(message)
-                self._check_count(STATE, len(self.states), SETPOINT.hz)
-        elif isinstance(message, Setpoint):
-            if message.boot == self._boot:
-                self.setpoints.append(message)
-                self._check_count(SETPOINT, len(self.setpoints), SETPOINT.hz)
-        elif message.stamp <= self._end + _SLACK:
-            # A reading has no boot: those of its time or later belong to the one before.
-            while self.readings and self.readings[-1].stamp >= message.stamp:
-                self.readings.pop()
-            self.readings.append(message)
-            self._check_count(PRESSURE, len(self.readings), PRESSURE.hz)
-
-    def check(self, _values: Mapping[str, Any], _changes: Iterable[Any]) -> None:
-        """Raise QuadctlError if the flight has not reached its end."""
-        if self.stamp < self._end - _SLACK:
-            raise QuadctlError(f"the flight ended at {self.stamp:g} s of {self._end:g} s")
-
-    def _check_count(self, topic: Topic[Any], count: int, expected: float) -> None:
-        if count > _MOST_A_SECOND * (self._end + 1):
-            raise QuadctlError(
-                f"{topic.node} published {count} messages on {topic.name} until"
-                f" {max(self.stamp, 0):g} s: {expected:g} a second are expected"
-            )
-
-    def _add(self, pose: Pose) -> None:
-        count = self._count
-        # In lock-step an unanswered pose is published again; each comes once from dynamics.
-        if pose.seq < count and (pose.seq >= len(self.poses) or pose == self.poses[pose.seq]):
-            return
-        if pose.seq != count:
-            raise QuadctlError(
-                f"pose {pose.seq} came {'twice, and differs' if pose.seq < count else 'too early'}:"
-                " dynamics alone may publish poses"
-            )
-        self.stamp, self._count = pose.stamp, count + 1
-        # The vehicle flies on until the last node has reached the end: how far is chance.
-        if pose.stamp <= self._end + _SLACK:
-            self.poses.append(pose)
-
-
 def fly(
     folder: Path,
     nodes: Mapping[str, list[str]],
@@ -165,35 +97,56 @@ def fly(
     begins with a new boot. After `until`, on the monotonic clock, the rows that are left give 0. `record` is a file
     for the longest run.
     """
-    hung: dict[str, str] = {}
-    groups: dict[tuple[str, str], list[tuple[RubricRow, MissionFile]]] = {}
+    groups: dict[tuple[str, str], list[_Flight]] = {}
     for row, made in zip(rubric.rows, rubric.missions, strict=True):
         groups.setdefault((row.about, repr(row.set)), []).append((row, made))
-    longest = max(groups, key=lambda key: len(groups[key]), default=None)
-    for key, rows in groups.items():
-        node = key[0]
+    pending = deque((node, _SETTINGS, flights) for (node, _), flights in groups.items())
+    longest = max(groups.values(), key=len, default=[])
+    hung: dict[str, str] = {}
+    while pending:
+        node, settings, flights = pending.popleft()
         if node not in nodes:
-            why = f"quad.toml names no {node} node under [processes]"
-            yield from (RowResult.without_flight(row, why) for row, _ in rows)
-            continue
+            hung[node] = f"quad.toml names no {node} node under [processes]"
         if node in hung:
-            yield from (RowResult.without_flight(row, hung[node]) for row, _ in rows)
+            yield from (RowResult.without_flight(row, hung[node]) for row, _ in flights)
             continue
-        params = rows[0][1].params
+        params = flights[0][1].params
         assert params is not None  # noqa: S101 - a rubric's missions have their own
         name = f"lab-{os.getpid()}-{token_hex(2)}"
-        own = replace(params, processes={node: wrap(Realm(name), nodes[node])})
-        file = record if key == longest else ""
+        own = replace(
+            params,
+            processes={node: wrap(Realm(name), nodes[node])},
+            dynamics=replace(params.dynamics, **settings),
+        )
+        file = record if flights is longest else ""
         idle = ["pressure"] if node == "safety" else []  # no row about safety reads the barometer
         launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True, guarded=True)
-        if hangs := (yield from _fly_run(launch, rows, node, until)):
+        again: list[_Flight] = []
+        if hangs := (yield from _fly_run(launch, flights, node, until, again)):
             hung[node] = hangs
+        if again:
+            pending.append((node, _SLOW, again))
+
+
+_Flight = tuple[RubricRow, MissionFile]
+_SETTINGS: dict[str, Any] = {}
+_SLOW: dict[str, Any] = {"speed": 2.0}
+"""Parameters of dynamics for a node with a clock of its own: slow for it, and still in lock-step."""
+_IN_STEP = 0.9
+"""Share of the readings of a flight that a node which keeps step publishes at least."""
+
+
+class _OutOfStep(Exception):
+    """Flight in which a node has read its sensor by a clock of its own, and too seldom."""
 
 
 def _fly_run(
-    launch: Launch, rows: list[tuple[RubricRow, MissionFile]], name: str, until: float
+    launch: Launch, flights: list[_Flight], name: str, until: float, again: list[_Flight]
 ) -> Generator[RowResult, None, str]:
-    """Fly the rows of a run; return why its node is waited for no more, empty if it is."""
+    """Fly the rows of a run; return why its node is waited for no more, empty if it is.
+
+    Those that have to be flown again, slowly, are added to `again`.
+    """
     done, before, hangs = 0, "", ""
     try:
         with (
@@ -201,7 +154,7 @@ def _fly_run(
             Client(launch.realm, DEFAULT, timeout=_PATIENCE) as client,
         ):
             node = _StudentNode(realm, name, Path(launch.folder))
-            for row, made in rows:
+            for row, made in flights:
                 if time.monotonic() > until:
                     yield RowResult.without_flight(row, NOT_FLOWN)
                 elif hangs and hangs == before:
@@ -211,12 +164,16 @@ def _fly_run(
                     yield RowResult.without_flight(row, why)
                 else:
                     before = hangs
-                    result, hangs = _fly_row(client, node, launch.params, row, made)
-                    yield result
+                    try:
+                        result, hangs = _fly_row(client, node, launch.params, row, made)
+                    except _OutOfStep:
+                        again.append((row, made))
+                    else:
+                        yield result
                 done += 1
     except QuadctlError as problem:
         # The node did not start, or the run has gone: its rows give 0, the others are flown.
-        for row, _ in rows[done:]:
+        for row, _ in flights[done:]:
             yield RowResult.without_flight(row, _with_cause(problem.message, Path(launch.folder)))
         if f"{name} {NOT_READY}" in problem.message:
             return f"not flown: {problem.message.splitlines()[0]}"
@@ -246,6 +203,9 @@ def _fly_row(
             verdict = _random_flights(client, node, params, row)
         else:
             flown = _flown(client, node, params, made, row)
+            few = len(flown.readings) < _IN_STEP * PRESSURE.hz * made.end
+            if few and row.about == "pressure" and not params.dynamics.speed:
+                raise _OutOfStep
             if row.expect == "prints":
                 flown = flown._replace(log=node.written(lambda log: prints(row, log).ok))
             verdict = judge(row, flown)
@@ -442,18 +402,6 @@ def _random(seed: int, params: Params, seconds: float) -> MissionFile:
     return MissionFile(rows, seconds + _TAKEOFF)
 
 
-def _unanswered(record: Witness) -> str:
-    """Return which pose safety has not answered, so that time stands still; empty if it has."""
-    due = max((pose.seq for pose in record.poses if not pose.seq % _DUE), default=-1)
-    last = max((setpoint.for_seq for setpoint in record.setpoints), default=-1)
-    if last >= due:
-        return ""
-    answered = f"the last one was for pose {last}" if last >= 0 else "none has come"
-    return f"safety owes a setpoint for pose {due}: {answered}"
-
-
-_DUE = round(POSE.hz / SETPOINT.hz)
-"""Poses from one that safety answers to the next."""
 _TAKEOFF = 3.0
 """Simulated seconds for the take-off."""
 
@@ -482,7 +430,7 @@ def _flown(
     try:
         flight.fly(publish_due)
     except TimedOut as problem:
-        if fault := _unanswered(flight.record):
+        if fault := flight.record.unanswered():
             raise TimedOut(f"{problem.message}; {fault}", problem.hint) from problem
         raise
     record = flight.record

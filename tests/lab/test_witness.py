@@ -5,7 +5,7 @@ import re
 import pytest
 from msgspec.structs import replace
 
-from quadctl.cli.lab.judge import Witness
+from quadctl.cli.lab.flown import Witness
 from quadctl.schemas.messages import CageSize, Position, Pressure, SafetyState
 from quadctl.services.runtime.errors import QuadctlError
 

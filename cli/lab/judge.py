@@ -264,18 +264,22 @@ class _StudentNode:
 
         Returns the crash if the node is left down: every row that is left has that verdict.
         """
+        begin = None
         if crash := self.crash() or self.blocked():
             # One that ends again and again is ready for moments: wait until it is left down.
             looping = self._record().restarts > self._before.restarts + 1
             if not self._stays_up(QUICK / 2 if looping else 0.0):
                 return crash
+            # What the new one writes may come before the record of it.
+            begin = len(self._written(0))
             # The supervisor counts quick ends. A new start makes it forget those of other rows.
             asked = control.request_restart(self._realm, self._name)
             try:
                 control.wait_restarted(self._realm, self._name, asked, math.inf)
             except QuadctlError:
                 return crash
-        self._before, self._begin = self._record(), len(self._written(0))
+        self._before = self._record()
+        self._begin = len(self._written(0)) if begin is None else begin
         return ""
 
     def crash(self) -> str:
@@ -285,7 +289,11 @@ class _StudentNode:
             return ""
         if blocked := self.blocked():
             return "\n".join((blocked, *self._last_lines()))
-        cause = self._error() or self._how_it_ended()
+        ended = self._how_it_ended()
+        until = time.monotonic() + (_LOGGED if ended == _UNCAUGHT else 0)
+        while not (cause := self._error()) and time.monotonic() < until:
+            time.sleep(_LOOK)
+        cause = cause or ended
         return "\n".join((f"{self._name} crashed: {cause}", *self._last_lines()))
 
     def blocked(self) -> str:
@@ -363,6 +371,8 @@ class _StudentNode:
         return data[begin:] if begin <= len(data) else data
 
 
+_UNCAUGHT = "exit 1"
+"""End of a process by an error that it did not catch, and so wrote a traceback."""
 _LOGGED = 2.0
 """Seconds until a line that a node has printed is in its log."""
 _NOTICED, _NOTICED_AT_LAST, _LOOK = 0.3, 10.0, 0.02

@@ -435,19 +435,17 @@ def _takes_waypoints(row: RubricRow, flown: FlownMission) -> RowVerdict:
         states = flight.states[first_at(flight.states, step.at) :]
         seen = [name for name, _ in groupby(state.state for state in states)]
         shown = f"{step}: safety/state showed {', '.join(seen) or 'nothing'}"
-        begun, last = pose_at(flight.poses, step.at), flight.poses[-1]
-        if cage.permits_at(step.at, step):
-            expected = ["VERIFYING", "MOVING", "HOVERING"]
-            away = distance(last, goal_of(step))
-            if away > (row.within or flown.params.safety.acceptance_range):
-                return RowVerdict(False, f"{step}: {away:.2f} m away from it at {end:g} s")
-        else:
-            expected = ["VERIFYING", "HOVERING"]
-            if (drift := distance(begun, place_of(last))) > STILL:
-                why = f"{step}: is not permitted, but the vehicle moved {drift:.2f} m"
-                return RowVerdict(False, why)
+        permitted = cage.permits_at(step.at, step)
+        expected = ["VERIFYING", "MOVING", "HOVERING"] if permitted else ["VERIFYING", "HOVERING"]
         if seen[seen[:1] == ["HOVERING"] :] != expected:
             return RowVerdict(False, shown)
+        begun, last = pose_at(flight.poses, step.at), flight.poses[-1]
+        drift, away = distance(begun, place_of(last)), distance(last, goal_of(step))
+        if permitted and away > (row.within or flown.params.safety.acceptance_range):
+            return RowVerdict(False, f"{step}: {away:.2f} m away from it at {end:g} s")
+        if not permitted and drift > STILL:
+            why = f"{step}: is not permitted, but the vehicle moved {drift:.2f} m"
+            return RowVerdict(False, why)
     return RowVerdict(True, shown)
 
 

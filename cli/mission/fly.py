@@ -373,5 +373,6 @@ def _text(outcome: dict[str, Any]) -> str:
     if outcome["reason"]:
         return f"accepted, {outcome['reason']}"
     if outcome.get("reply"):
-        return ", ".join(f"{name} {catalogue.word(x)}" for name, x in outcome["reply"].items())
+        filled = {name: value for name, value in outcome["reply"].items() if value != ""}
+        return ", ".join(f"{name} {catalogue.word(value)}" for name, value in filled.items())
     return f"baseline {outcome['baseline']:.4f} hPa" if "baseline" in outcome else "accepted"

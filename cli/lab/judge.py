@@ -5,6 +5,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path, PurePath
 from random import Random
 from secrets import token_hex
@@ -40,6 +41,8 @@ _TIMEOUT = 3.0
 """Seconds that a reply may take, and a pose."""
 _LONGEST = 10_000
 """Most characters of a row's output: a hand-in writes parts of it."""
+RECORDING = "flight.mcap"
+"""File of the evidence with the longest run."""
 Wrap = Callable[[Realm, list[str]], list[str]]
 """Change of a node's command for a run, e.g. to one in a sandbox."""
 
@@ -71,6 +74,11 @@ class RowResult(Struct, frozen=True):
         It has no hint: a row's hint is about its flight, and the cause is another.
         """
         return cls(row.name, row.number, False, 0.0, row.points, why[:_LONGEST], row.visible)
+
+
+def log_of(node: str) -> str:
+    """Return the file of the evidence with a node's log."""
+    return f"{node}.log"
 
 
 NOT_FLOWN = "not flown: the time for this hand-in is over (--wall)"
@@ -152,20 +160,21 @@ def fly(
     rubric: Rubric,
     *,
     until: float,
-    record: str = "",
-    wrap: Wrap = lambda _realm, command: command,
+    wrap: Wrap,
+    evidence: Path | None,
 ) -> Iterator[RowResult]:
     """Fly each row against its node, which runs in `folder`; yield a result for each, as flown.
 
     A row flies with the student's node that it is about and with ours for the other: so a fault
     costs the rows of one node only. Rows with the same node and parameters share a run, and each
-    begins with a new boot. After `until`, on the monotonic clock, the rows that are left give 0. `record` is a file
-    for the longest run.
+    begins with a new boot. After `until`, on the monotonic clock, the rows that are left give 0. `evidence` is a
+    folder for the recording of the longest run, and for the log of each node from all its runs.
     """
     groups: dict[tuple[str, str], list[tuple[RubricRow, MissionFile]]] = {}
     for row, made in zip(rubric.rows, rubric.missions, strict=True):
         groups.setdefault((row.node, repr(row.set)), []).append((row, made))
-    longest = max(groups, key=lambda key: len(groups[key]), default=None)
+    there = [key for key in groups if key[0] in nodes]
+    longest = max(there, key=lambda key: len(groups[key]), default=None)
     for key, rows in groups.items():
         node = key[0]
         if node not in nodes:
@@ -176,39 +185,52 @@ def fly(
         assert params is not None  # noqa: S101 - a rubric's missions have their own
         name = f"lab-{os.getpid()}-{token_hex(2)}"
         own = replace(params, processes={node: wrap(Realm(name), nodes[node])})
-        file = record if key == longest else ""
+        file = str(evidence / RECORDING) if evidence and key == longest else ""
         idle = ["pressure"] if node == "safety" else []  # no row about safety reads the barometer
         launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True, guarded=True)
-        yield from _fly_run(launch, rows, node, until)
+        log = evidence / log_of(node) if evidence else None
+        yield from _fly_run(launch, rows, node, until, log)
 
 
 def _fly_run(
-    launch: Launch, rows: list[tuple[RubricRow, MissionFile]], name: str, until: float
+    launch: Launch,
+    rows: list[tuple[RubricRow, MissionFile]],
+    name: str,
+    until: float,
+    log: Path | None,
 ) -> Iterator[RowResult]:
-    done, blocked = 0, ""
+    done, blocked, logged = 0, "", b""
     try:
         with (
             temporary_run(launch) as realm,
             Client(launch.realm, DEFAULT, timeout=_TIMEOUT) as client,
         ):
             node, now = _StudentNode(realm, name, Path(launch.folder)), ""
-            for row, made in rows:
-                if time.monotonic() > until:
-                    yield RowResult.without_flight(row, NOT_FLOWN)
-                elif why := blocked or node.renew():
-                    yield RowResult.without_flight(row, why)
-                else:
-                    result = _fly_row(client, node, launch.params, row, made)
-                    yield result
-                    # A handler that blocks in one row and again in the next is waited for no more.
-                    before, now = now, "" if result.ok else node.blocked()
-                    if now and now == before:
-                        blocked = f"not flown: {now}"
-                done += 1
+            try:
+                for row, made in rows:
+                    if time.monotonic() > until:
+                        yield RowResult.without_flight(row, NOT_FLOWN)
+                    elif why := blocked or node.renew():
+                        yield RowResult.without_flight(row, why)
+                    else:
+                        result = _fly_row(client, node, launch.params, row, made)
+                        yield result
+                        # A handler that blocks in one row and again in the next is waited for no more.
+                        before, now = now, "" if result.ok else node.blocked()
+                        if now and now == before:
+                            blocked = f"not flown: {now}"
+                    done += 1
+            finally:
+                logged = node.logged()  # the run's folder goes with the run
     except QuadctlError as problem:
         # The node did not start, or the run has gone: its rows give 0, the others are flown.
+        logged += f"{problem.message}\n".encode()
         for row, _ in rows[done:]:
             yield RowResult.without_flight(row, _with_cause(problem.message, Path(launch.folder)))
+    finally:
+        if log is not None:
+            with suppress(OSError), log.open("ab") as out:
+                out.write(f"== {', '.join(row.number for row, _ in rows)}\n".encode() + logged)
 
 
 _LAST_LINES = "; its last lines:"
@@ -329,6 +351,10 @@ class _StudentNode:
             cause = f"{self._name} failed: {error}"
         return "\n".join((*filter(None, [cause]), problem.message, *self._last_lines()))
 
+    def logged(self) -> bytes:
+        """Return the last part of all that the node has logged in this run."""
+        return self._written(0)[-_MOST_LOGGED:]
+
     def _record(self) -> ProcessRecord:
         run = run_files.read(self._realm)
         return next(node for node in run.nodes if node.name == self._name)
@@ -369,6 +395,8 @@ class _StudentNode:
         return data[begin:] if begin <= len(data) else data
 
 
+_MOST_LOGGED = 1_000_000
+"""Bytes of a run's log that are kept: a hand-in may fill it."""
 _NOTICED, _NOTICED_AT_LAST, _LOOK = 0.3, 10.0, 0.02
 """Seconds until a process ends, until its end is in the record, and between two looks at both."""
 

@@ -23,6 +23,7 @@ from quadctl.cli.lab.handin import HandIn, encodable, nodes_in, unpacked
 from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly
 from quadctl.cli.lab.machine import Limits, Machine
 from quadctl.cli.lab.rubric import Rubric, rubric
+from quadctl.cli.temporary_run import leaving
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
@@ -121,7 +122,7 @@ def grade(
         why = encodable(" ".join(why.split()))
         return Grade(handin.name, results or _all(made, [], why), time.monotonic() - began, why)
 
-    with ThreadPoolExecutor(jobs) as pool:
+    with leaving() as stay, ThreadPoolExecutor(jobs) as pool:
         futures = [pool.submit(one, handin) for handin in handins]
         try:
             for future in futures:
@@ -136,6 +137,7 @@ def grade(
                     on_done(event.result())
         except BaseException:
             # After Ctrl-C nothing flies on.
+            stay()
             pool.shutdown(wait=False, cancel_futures=True)
             judges.end()
             raise

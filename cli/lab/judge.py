@@ -230,7 +230,7 @@ def _fly_run(
     finally:
         if log is not None:
             with suppress(OSError), log.open("ab") as out:
-                out.write(f"== {', '.join(row.number for row, _ in rows)}\n".encode() + logged)
+                out.write(f"== rows {', '.join(row.number for row, _ in rows)}\n".encode() + logged)
 
 
 _LAST_LINES = "; its last lines:"

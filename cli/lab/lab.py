@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 _HERE = Path(__file__).parent
 _VISIBLE, _HIDDEN = _HERE / "rubric.toml", _HERE / "hidden.toml"
 _TEMPLATE = _HERE / "template"
-_SEEDS = 1_000_000
-"""Seeds to draw from."""
+_SEEDS = range(100_000, 1_000_000)
+"""Seeds to draw from: nobody guesses one."""
 _SAME = "leave the option out, or name another folder: --report"
 _NEEDS = "`quadctl lab new DIR` writes one"
 _HAND_INS = "give folders or zip files, e.g. `quadctl lab grade handins/*`"
@@ -235,7 +235,7 @@ def _record(report: Path | None, rubric: Path | None, seed: int | None) -> "Clas
     tables = _tables(rubric) if rubric else _with_hidden(read(_VISIBLE, _NEEDS))
     record = record_in(report) if report else None
     if record is None:
-        return ClassRecord(secrets.randbelow(_SEEDS) if seed is None else seed, tables)
+        return ClassRecord(secrets.choice(_SEEDS) if seed is None else seed, tables)
     if seed not in {None, record.seed}:
         raise Invalid(f"--seed {seed}: the class in {report} has {record.seed}", _SAME)
     if rubric and tables != record.rubric:

@@ -55,8 +55,8 @@ def student_page(
     """Return the report of a hand-in: each row with its evidence and hint, the picture, links to files beside it."""
     title = f"{_safe(name)}: {_points(grade)} points"
     rows = "\n".join(
-        f'<tr class="{"ok" if test.ok else "fails"}"><td>{_safe(test.number)}</td>'
-        f"<td>{_safe(test.name)}{'' if test.visible else ' <small>(hidden)</small>'}</td>"
+        f'<tr class="{"ok" if test.ok else "fails"}"><td class=number>{_safe(test.number)}</td>'
+        f"<td class=name>{_safe(test.name)}{'' if test.visible else ' <small>(hidden)</small>'}</td>"
         f"<td class=mark>{'ok' if test.ok else 'fails'}</td>"
         f"<td class=points>{test.score:g} / {test.max_score:g}</td>"
         f"<td><pre>{_safe(test.output)}</pre>{_hint(test)}</td></tr>"
@@ -64,10 +64,9 @@ def student_page(
     )
     body = [f"<h1>{title}</h1>", _bar(grade.score, grade.max_score)]
     body += [f"<p class=problem>{_safe(grade.fault)}</p>"] if grade.problem else []
-    body.append(
-        f"<table><thead>{_header('No.', 'Row', 'Mark', 'Points', 'Evidence')}</thead>"
-        f"<tbody>{rows}</tbody></table>"
-    )
+    # Without a flight each row has the same evidence.
+    if any(test.output != grade.problem for test in grade.tests):
+        body.append(_table(("No.", "Row", "Mark", "Points", "Evidence"), rows))
     body += [f"<p>{_safe(note)}</p>" for note in notes]
     if picture is not None:
         data = base64.b64encode(picture).decode()
@@ -98,16 +97,16 @@ def class_page(entries: Sequence[Entry], seed: int) -> str:
         for entry in entries
     )
     rows = "\n".join(
-        f"<tr><td>{_safe(row.test.number)}</td><td>{_safe(row.test.name)}</td>"
+        f"<tr><td class=number>{_safe(row.test.number)}</td><td class=name>{_safe(row.test.name)}</td>"
         f"<td class=points>{row.fails} of {len(gradable)}{_bar(row.fails, len(gradable))}</td>"
         f"<td>{_common(row)}</td></tr>"
         for row in failing(gradable)
     )
     body = [
         f"<h1>{title}</h1><p>{', '.join(facts)}</p><h2>Students</h2>",
-        f"<table><thead>{_header('Student', 'Points', 'Rows that fail')}</thead><tbody>{students}</tbody></table>",
+        _table(("Student", "Points", "Rows that fail"), students),
         "<h2>Rows, most failed first</h2>",
-        f"<table><thead>{_header('No.', 'Row', 'Fails', 'Most common evidence')}</thead><tbody>{rows}</tbody></table>",
+        _table(("No.", "Row", "Fails", "Most common evidence"), rows),
     ]
     return _page(title, body)
 
@@ -156,7 +155,7 @@ def _state(grade: Grade | None) -> str:
         return "not graded yet"
     if grade.problem:
         return f"<span class=problem>{_safe(grade.fault)}</span>"
-    return _safe(", ".join(test.number for test in grade.tests if not test.ok)) or "none"
+    return _safe(", ".join(test.number for test in grade.tests if not test.ok)) or "every row holds"
 
 
 def _points(grade: Grade) -> str:
@@ -167,8 +166,9 @@ def _hint(test: RowResult) -> str:
     return f"<p>Hint: {_safe(test.hint)}</p>" if test.hint else ""
 
 
-def _header(*names: str) -> str:
-    return f"<tr>{''.join(f'<th>{name}</th>' for name in names)}</tr>"
+def _table(names: Iterable[str], rows: str) -> str:
+    header = "".join(f"<th>{name}</th>" for name in names)
+    return f"<table><thead><tr>{header}</tr></thead><tbody>{rows}</tbody></table>"
 
 
 def _bar(part: float, whole: float) -> str:
@@ -187,12 +187,12 @@ _STYLE = """
 :root { color-scheme: light dark; --ok: light-dark(#0a6b2d, #56d364); --fails: light-dark(#b3261e, #ff7b72);
   --line: light-dark(#d0d7de, #3d444d); --soft: light-dark(#f6f8fa, #151b23); }
 * { box-sizing: border-box; }
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 64rem; margin: 2rem auto; padding: 0 1rem; overflow-wrap: anywhere; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 64rem; margin: 2rem auto; padding: 0 1rem; overflow-wrap: break-word; }
 h1 { font-size: 1.6rem; line-height: 1.25; } h2 { font-size: 1.2rem; margin-top: 2rem; }
 table { border-collapse: collapse; width: 100%; }
 th, td { text-align: left; padding: .45rem .6rem; border-bottom: 1px solid var(--line); vertical-align: top; }
-th { font-size: .85rem; } tbody tr:hover { background: var(--soft); }
-.points { white-space: nowrap; font-variant-numeric: tabular-nums; }
+td { overflow-wrap: anywhere; } th, .number, .mark, .points, small { white-space: nowrap; } th { font-size: .85rem; } tbody tr:hover { background: var(--soft); }
+.name { width: 35%; } .points { font-variant-numeric: tabular-nums; }
 .mark { font-weight: bold; } .ok .mark { color: var(--ok); } .fails .mark, .problem { color: var(--fails); }
 pre { white-space: pre-wrap; margin: 0; font-size: .85rem; } td p { margin: .3rem 0 0; }
 img { max-width: 100%; background: #fff; } small { opacity: .75; }
@@ -200,7 +200,7 @@ img { max-width: 100%; background: #fff; } small { opacity: .75; }
 .bar i { display: block; height: 100%; background: #1f6feb; }
 @media (max-width: 40rem) {
   thead { display: none; } tr, td { display: block; } tr { padding: .6rem 0; border-bottom: 1px solid var(--line); }
-  td { border: 0; padding: .1rem 0; } td:empty { display: none; }
+  td { border: 0; padding: .1rem 0; } .number, .name, .mark, .points { display: inline; padding-right: .6rem; }
 }
 """
 

@@ -218,10 +218,10 @@ def _github(grades: Sequence[Grade]) -> str:
 
 def _junit(grades: Sequence[Grade]) -> str:
     """Return JUnit's XML, a test suite for each hand-in."""
-    root = ET.Element("testsuites", name="quadctl lab", **_counts(grades))
+    root = ET.Element("testsuites", {"name": "quadctl lab"} | _counts(grades))
     for grade in grades:
         name = _printable(grade.submission)
-        suite = ET.SubElement(root, "testsuite", name=name, skipped="0", **_counts([grade]))
+        suite = ET.SubElement(root, "testsuite", {"name": name, "skipped": "0"} | _counts([grade]))
         for test in grade.tests:
             case = ET.SubElement(suite, "testcase", classname=name, name=test.name, time="0")
             if not test.ok:

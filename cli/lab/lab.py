@@ -62,7 +62,7 @@ def check(
 ) -> None:
     """Fly the visible rubric against your nodes, and write a report with the flight's picture.
 
-    Exits with 8 if a row does not hold.
+    Your nodes run in the sandbox of `lab grade`. Exits with 8 if a row does not hold.
 
     Example: quadctl lab check mylab
     """
@@ -143,7 +143,7 @@ def grade(
     ] = None,
     row: Annotated[
         list[str] | None,
-        Option("Grade this row alone, also several times; with --report anew.", metavar="NUMBER"),
+        Option("Grade only the row with this number; repeat it for more.", metavar="NUMBER"),
     ] = None,
     seed: Annotated[
         int | None, Option("Seed of the hidden flights, one for a class (default: drawn).", min=0)
@@ -155,6 +155,7 @@ def grade(
     """Grade hand-ins: fly the rubric against the nodes of each, in a sandbox.
 
     A machine without namespaces cannot shut them in completely: there it asks for --trust.
+    With --report, hand-ins join the class that the folder has, with its seed and rubric.
     Exits with 0 when all have been graded, whatever their points.
 
     Example: quadctl lab grade handins/*.zip --format csv -o points.csv

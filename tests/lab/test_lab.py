@@ -149,30 +149,6 @@ def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
     assert "FOUND []" in outputs[HIDDEN]
 
 
-POOR = """
-from quadctl.cli.lab import machine, sandbox
-from quadctl.cli.main import main
-found = machine.Machine(landlock=sandbox.landlock(), lacks="no namespaces: Refused")
-machine.probe = lambda: found
-main()
-"""
-"""`quadctl` on a machine without namespaces."""
-
-
-def test_without_namespaces_grading_asks_for_trust(lab: Lab):
-    good = write("completed", lab.folder)
-    rubric = lab.file(ARRIVES, "rubric.toml")
-    grade = [sys.executable, "-c", POOR, "lab", "grade", str(good), "--rubric", str(rubric)]
-    done = lab.run(grade)
-    cannot = (
-        "this machine cannot shut hand-ins in completely (no namespaces: Refused): one could use"
-    )
-    assert (done.code, done.out, cannot in done.err, "--trust" in done.err) == (1, "", True, True)
-    trusted = lab.run([*grade, "--trust"], 60.0)
-    assert (trusted.code, trusted.out.splitlines()[0]) == (0, f"{good}: 1 of 1 points")
-    assert trusted.err.count(cannot) == 1
-
-
 @pytest.mark.parametrize(
     ("words", "code", "error"),
     [

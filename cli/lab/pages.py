@@ -65,7 +65,7 @@ def student_page(
     body = [f"<h1>{title}</h1>", _bar(grade.score, grade.max_score)]
     body += [f"<p class=problem>{_safe(grade.fault)}</p>"] if grade.problem else []
     # Without a flight each row has the same evidence.
-    if any(test.output != grade.problem for test in grade.tests):
+    if not grade.problem or any(test.output != grade.problem for test in grade.tests):
         body.append(_table(("No.", "Row", "Mark", "Points", "Evidence"), rows))
     body += [f"<p>{_safe(note)}</p>" for note in notes]
     if picture is not None:

@@ -178,6 +178,7 @@ def test_a_wrong_call_is_refused(lab: Lab, words: str, code: int, error: str):
 )
 def test_only_safety_and_pressure_may_be_handed_in(lab: Lab, text: str, error: str):
     lab.file(text, "quad.toml")
+    lab.file(ARRIVES, "rubric.toml")
     done = lab.quadctl("lab", "check", "--json")
     assert error in done.err + done.out
     assert done.code == (8 if "nothere" in text else 6)

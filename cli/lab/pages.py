@@ -16,7 +16,7 @@ from quadctl.cli.lab.judge import RowResult
 from quadctl.services.runtime.terminal import escaped
 
 
-class Entry(NamedTuple):
+class StudentLine(NamedTuple):
     """Line of the class page: a student's name, folder, and grade, None before the grading."""
 
     name: str
@@ -77,7 +77,7 @@ def student_page(
     return _page(title, body)
 
 
-def class_page(entries: Sequence[Entry], seed: int) -> str:
+def class_page(entries: Sequence[StudentLine], seed: int) -> str:
     """Return the page of a class: the students with their points, and the rows, most failed first."""
     grades = [entry.grade for entry in entries if entry.grade]
     gradable = [grade for grade in grades if not grade.problem]

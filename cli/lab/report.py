@@ -25,13 +25,7 @@ _CLASS, _CLASS_PAGE = "class.json", "index.html"
 _EVIDENCE = (*map(log_of, NODES), RECORDING)
 _LONGEST = 60
 """Characters of a student's folder: a letter has up to four bytes, and a file's name 255."""
-_DEVICES = {
-    "con",
-    "prn",
-    "aux",
-    "nul",
-    *(f"{port}{n}" for port in ("com", "lpt") for n in range(10)),
-}
+_DEVICES = {"con", "prn", "aux", "nul", *(f"{at}{n}" for at in ("com", "lpt") for n in range(10))}
 """Names that Windows keeps for devices, with any ending."""
 _ANOTHER = "name another folder: --report"
 _T = TypeVar("_T")
@@ -191,7 +185,7 @@ class ClassReport:
         _write(own / _FEEDBACK, pages.feedback(student.name, grade))
         write_page(own, student.name, grade, [], self._say)
         entries = [
-            pages.Entry(each.name, each.folder, self._grades.get(each.submission))
+            pages.StudentLine(each.name, each.folder, self._grades.get(each.submission))
             for each in self._students.values()
         ]
         _write(self.page, pages.class_page(entries, self._record.seed))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from quadctl.cli.lab.formats import Grade
 from quadctl.cli.lab.judge import RowResult
-from quadctl.cli.lab.pages import Entry, class_page, failing, feedback, student_page
+from quadctl.cli.lab.pages import StudentLine, class_page, failing, feedback, student_page
 
 VOID = {"meta", "img"}
 EVIL = "</pre><script>alert(1)</script><img src=x onerror=alert(2)>\x1b[31m\u202e"
@@ -93,7 +93,7 @@ def test_what_a_student_writes_is_text_on_both_pages(grade: Grade):
 
     def pages(name: str, each: Grade) -> list[Page]:
         report = student_page(name, each, [name], None, [name])
-        return [Page(report), Page(class_page([Entry(name, name, each)], 3))]
+        return [Page(report), Page(class_page([StudentLine(name, name, each)], 3))]
 
     for found, expected in zip(pages(EVIL, grade), pages("x", plain), strict=True):
         assert found.tags == expected.tags
@@ -110,7 +110,7 @@ def test_no_text_opens_or_closes_an_element(name: str, output: str, problem: str
         tests = [row("1", f"#{output}"), row("2", f"#{output}", ok=True)]
         grade = Grade(name, tests, 1.0, problem)
         report = student_page(name, grade, [output], None, [name])
-        return [Page(report), Page(class_page([Entry(name, name, grade)], 1))]
+        return [Page(report), Page(class_page([StudentLine(name, name, grade)], 1))]
 
     for found, plain in zip(
         pages(name, output, problem), pages("x", "x", problem and "x"), strict=True
@@ -121,8 +121,8 @@ def test_no_text_opens_or_closes_an_element(name: str, output: str, problem: str
 def test_a_class_page_has_students_and_the_rows_that_fail_most():
     dora = Grade("c/dora", [row("1", "late by 3.1 s"), row("2", "late"), row("3", "x", visible=False)])  # fmt: skip
     entries = [
-        Entry("ada", "ada", ADA), Entry("bob", "b ö", RIGHT), Entry("cleo", "cleo", BAD),
-        Entry("dora", "dora", dora), Entry("ed", "ed", None),
+        StudentLine("ada", "ada", ADA), StudentLine("bob", "b ö", RIGHT), StudentLine("cleo", "cleo", BAD),
+        StudentLine("dora", "dora", dora), StudentLine("ed", "ed", None),
     ]  # fmt: skip
     found = Page(class_page(entries, 4711))
     assert found.links() == [
@@ -146,5 +146,5 @@ def test_evidence_that_differs_in_numbers_alone_is_counted_together():
 
 
 def test_the_page_of_a_class_with_nobody_graded_is_a_page():
-    assert "1 hand-in" in Page(class_page([Entry("ada", "ada", None)], 1)).text
-    assert "cleo" in Page(class_page([Entry("cleo", "cleo", BAD)], 1)).text
+    assert "1 hand-in" in Page(class_page([StudentLine("ada", "ada", None)], 1)).text
+    assert "cleo" in Page(class_page([StudentLine("cleo", "cleo", BAD)], 1)).text

@@ -3,7 +3,7 @@
 import contextlib
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from msgspec.structs import replace
@@ -22,18 +22,29 @@ _ENDINGS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(s
 def temporary_run(launch: Launch) -> Iterator[Realm]:
     """Start a run and end it with the block, on a signal too; raise as start_in_background."""
     realm = Realm(launch.realm)
-    # Under nohup a closed terminal must not end the run.
-    handled = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
-    before = {number: signal.signal(number, _leave) for number in handled}
-    try:
+    with leaving() as stay:
         supervisor = start_in_background(replace(launch, owned=True), output.note)
         try:
             yield realm
         finally:
-            for number in handled:
-                signal.signal(number, signal.SIG_IGN)
+            stay()
             stop_run(realm)
             end(supervisor)
+
+
+@contextlib.contextmanager
+def leaving() -> Iterator[Callable[[], None]]:
+    """Let signals that end a command raise SystemExit in the block; yield a function that ignores them from then on."""
+    # Under nohup a closed terminal must not end the run.
+    handled = [number for number in _ENDINGS if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, _leave) for number in handled}
+
+    def stay() -> None:
+        for number in handled:
+            signal.signal(number, signal.SIG_IGN)
+
+    try:
+        yield stay
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -44,9 +44,9 @@ def handins_in(path: Path) -> list[HandIn]:
     with suppress(Invalid), reporting():  # the copy of a damaged one reports it
         students = _students(path)
     if not students:
-        return [HandIn(str(path), path)]
+        return [HandIn(encodable(str(path)), path)]
     return [
-        HandIn(f"{path}/{encodable(student).replace('/', '_')}", path, members)
+        HandIn(encodable(f"{path}/{student.replace('/', '_')}"), path, members)
         for student, members in sorted(students.items())
     ]
 

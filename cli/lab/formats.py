@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import PurePath
 from typing import Any, Literal, get_args
@@ -54,10 +55,11 @@ class Grade(Struct, frozen=True):
         return f"not gradable: {self.problem}" if self.problem else ""
 
     def document(self) -> dict[str, Any]:
-        """Return what `lab check --json` prints."""
-        keys = ("name", "number", "ok", "score", "max_score", "output", "visible")
-        tests = [{key: getattr(test, key) for key in keys} for test in self.tests]
-        return {"ok": self.ok, "score": self.score, "max_score": self.max_score, "tests": tests}
+        """Return the document that `lab check --json` prints; it can be converted back to a grade."""
+        document: dict[str, Any] = msgspec.to_builtins(self)
+        tests = document.pop("tests")
+        points = {"ok": self.ok, "score": self.score, "max_score": self.max_score}
+        return document | points | {"tests": tests}
 
 
 def require_fit(form: str, count: int) -> None:
@@ -105,12 +107,7 @@ def _text(grades: Sequence[Grade]) -> str:
 
 
 def _json(grades: Sequence[Grade]) -> str:
-    return _encoded(
-        [
-            {"submission": grade.submission, "problem": grade.problem} | grade.document()
-            for grade in grades
-        ]
-    )
+    return _encoded([grade.document() for grade in grades])
 
 
 def _csv(grades: Sequence[Grade]) -> str:
@@ -119,7 +116,8 @@ def _csv(grades: Sequence[Grade]) -> str:
     writer = csv.writer(out)  # its own line ends, \r\n: it quotes only these two in a cell
     rows = [test.name for test in grades[0].tests] if grades else []
     writer.writerow(["student", "points", "max_points", "comment", *rows])
-    for student, grade in zip(_students(grades), grades, strict=True):
+    names = students([grade.submission for grade in grades])
+    for student, grade in zip(names, grades, strict=True):
         scores = [f"{test.score:g}" for test in grade.tests]
         comment = grade.fault or _comment(grade)
         cells = [student, f"{grade.score:g}", f"{grade.max_score:g}", comment, *scores]
@@ -127,35 +125,58 @@ def _csv(grades: Sequence[Grade]) -> str:
     return out.getvalue()
 
 
-def _students(grades: Sequence[Grade]) -> list[str]:
+def students(submissions: Sequence[str]) -> list[str]:
     """Return the names of the hand-ins: a folder's, or an archive's without its ending.
 
     Hand-ins that would have the same name keep their paths.
     """
-    names = [stem(PurePath(grade.submission).name) for grade in grades]
+    names = [stem(PurePath(each).name) for each in submissions]
+    times = Counter(names)
     return [
-        name if name and names.count(name) == 1 else grade.submission
-        for name, grade in zip(names, grades, strict=True)
+        name if name and times[name] == 1 else submission
+        for name, submission in zip(names, submissions, strict=True)
     ]
 
 
 def _comment(grade: Grade) -> str:
-    """Return the causes of the rows that fail, one that several rows share once."""
+    """Return the causes and hints of the rows that fail; those that several rows share once."""
     rows: dict[str, list[RowResult]] = {}
     for test in grade.tests:
         if not test.ok:
-            rows.setdefault(_cause(test), []).append(test)
+            hint = f" (hint: {test.hint})" if test.hint else ""
+            cause = f"{first_line(shown(test))}{hint}"
+            rows.setdefault(cause, []).append(test)
     return "; ".join(
-        _line(tests[0])
+        f"{tests[0].number} {tests[0].name}: {cause}"
         if len(tests) == 1
         else f"{', '.join(test.number for test in tests)}: {cause}"
         for cause, tests in rows.items()
     )
 
 
+HIDDEN = "not shown: a hidden row"
+"""Evidence of a row that students do not see, in what they read."""
+
+
+def shown(test: RowResult) -> str:
+    """Return the evidence of a row that its student may read."""
+    return test.output if test.visible else HIDDEN
+
+
+def first_line(text: str) -> str:
+    """Return the first line of a text, empty without one."""
+    return next(iter(text.splitlines()), "")
+
+
+_FORMULA = tuple(
+    "=+-@\t\r\n\N{FULLWIDTH EQUALS SIGN}\N{FULLWIDTH PLUS SIGN}\N{FULLWIDTH HYPHEN-MINUS}\N{FULLWIDTH COMMERCIAL AT}"
+)
+"""Characters with which a formula begins, in one spreadsheet or another (OWASP, "CSV Injection")."""
+
+
 def _harmless(cell: str) -> str:
     """Return a cell that no spreadsheet takes for a formula; a student chooses its text."""
-    return f"'{cell}" if cell[:1] in {"=", "+", "-", "@", "\t", "\r"} else cell
+    return f"'{cell}" if cell.startswith(_FORMULA) else cell
 
 
 def _gradescope(grades: Sequence[Grade]) -> str:
@@ -167,7 +188,7 @@ def _gradescope(grades: Sequence[Grade]) -> str:
             "number": test.number,
             "score": test.score,
             "max_score": test.max_score,
-            "output": _output(test),
+            "output": _with_hint(test.output, test),
             "visibility": "visible" if test.visible else "after_published",
         }
         for test in grade.tests
@@ -182,7 +203,7 @@ def _github(grades: Sequence[Grade]) -> str:
         {
             "name": test.name,
             "status": "pass" if test.ok else "fail",
-            "message": _output(test),
+            "message": _with_hint(shown(test), test),
             "test_code": "",
             "filename": "",
             "line_no": 0,
@@ -197,22 +218,29 @@ def _github(grades: Sequence[Grade]) -> str:
 
 def _junit(grades: Sequence[Grade]) -> str:
     """Return JUnit's XML, a test suite for each hand-in."""
-    root = ET.Element("testsuites", name="quadctl lab")
+    root = ET.Element("testsuites", {"name": "quadctl lab"} | _counts(grades))
     for grade in grades:
-        failures = sum(not test.ok for test in grade.tests)
-        suite = ET.SubElement(
-            root, "testsuite", name=_printable(grade.submission), tests=str(len(grade.tests)),
-            failures=str(failures), errors="0", skipped="0", time=f"{grade.seconds:.3f}",
-        )  # fmt: skip
+        name = _printable(grade.submission)
+        suite = ET.SubElement(root, "testsuite", {"name": name, "skipped": "0"} | _counts([grade]))
         for test in grade.tests:
-            case = ET.SubElement(
-                suite, "testcase", classname=_printable(grade.submission), name=test.name, time="0"
-            )
+            case = ET.SubElement(suite, "testcase", classname=name, name=test.name, time="0")
             if not test.ok:
                 failure = ET.SubElement(case, "failure", message=_printable(_line(test)))
-                failure.text = _printable(_output(test))
+                failure.text = _printable(_with_hint(test.output, test))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _counts(grades: Sequence[Grade]) -> dict[str, str]:
+    tests = [test for grade in grades for test in grade.tests]
+    seconds = sum(grade.seconds for grade in grades)
+    failures = sum(not test.ok for test in tests)
+    return {
+        "tests": f"{len(tests)}",
+        "failures": f"{failures}",
+        "errors": "0",
+        "time": f"{seconds:.3f}",
+    }
 
 
 def _printable(words: str) -> str:
@@ -221,15 +249,11 @@ def _printable(words: str) -> str:
 
 
 def _line(test: RowResult) -> str:
-    return f"{test.number} {test.name}: {_cause(test)}"
+    return f"{test.number} {test.name}: {first_line(test.output)}"
 
 
-def _cause(test: RowResult) -> str:
-    return next(iter(test.output.splitlines()), "")
-
-
-def _output(test: RowResult) -> str:
-    return f"{test.output}\nhint: {test.hint}" if test.hint else test.output
+def _with_hint(output: str, test: RowResult) -> str:
+    return f"{output}\nhint: {test.hint}" if test.hint else output
 
 
 def _encoded(document: Any) -> str:

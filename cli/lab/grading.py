@@ -8,20 +8,22 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO, Any
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from quadctl.cli.lab.formats import Grade
 from quadctl.cli.lab.handin import HandIn, encodable, nodes_in, unpacked
 from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly
 from quadctl.cli.lab.machine import Limits, Machine
 from quadctl.cli.lab.rubric import Rubric, rubric
+from quadctl.cli.temporary_run import leaving
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
@@ -34,7 +36,8 @@ _END = 10.0
 class GradingJob(Struct, frozen=True):
     """Hand-in to be flown: folder, one for its copies, commands of its nodes, rubric's tables, limits.
 
-    `machine` has the means to shut it in, `group` is its control group or empty.
+    `machine` has the means to shut it in, `group` is its control group or empty. `evidence` is a
+    folder for logs and a recording, or empty.
     """
 
     folder: str
@@ -44,6 +47,33 @@ class GradingJob(Struct, frozen=True):
     limits: Limits
     machine: Machine
     group: str
+    evidence: str
+
+
+class _Judges:
+    """Processes that fly hand-ins at present."""
+
+    def __init__(self) -> None:
+        self._running: set[subprocess.Popen[bytes]] = set()
+        self._ended = False
+
+    @contextmanager
+    def running(self, process: subprocess.Popen[bytes]) -> Iterator[None]:
+        """Keep a process among them for the block, and end it with the block; its run ends with it."""
+        self._running.add(process)
+        if self._ended:
+            process.kill()
+        try:
+            yield
+        finally:
+            process.kill()
+            self._running.discard(process)
+
+    def end(self) -> None:
+        """End them, and those that are yet to come."""
+        self._ended = True
+        for process in list(self._running):
+            process.kill()
 
 
 def grade(
@@ -54,12 +84,17 @@ def grade(
     jobs: int,
     machine: Machine,
     on_done: Callable[[Grade], None],
+    on_row: Callable[[RowResult], None] = lambda _result: None,
+    keep: Callable[[HandIn, Path], None] | None = None,
 ) -> list[Grade]:
     """Return the grades, in the order of the hand-ins; call `on_done` with each as it is done.
 
-    A hand-in that cannot be graded, whatever the reason, is reported as that, and the others are graded.
+    A hand-in that cannot be graded, whatever the reason, is reported as that, and the others are graded. `on_row`
+    is called with each result, in this thread as `on_done` is; `keep` in the thread of a hand-in, with the folder of
+    its logs and its recording, before that goes.
     """
-    made = rubric(tables, "the rubric")
+    made, judges = rubric(tables, "the rubric"), _Judges()
+    events: SimpleQueue[RowResult | Future[Grade]] = SimpleQueue()
 
     def one(handin: HandIn) -> Grade:
         began, results, why = time.monotonic(), list[RowResult](), ""
@@ -70,7 +105,14 @@ def grade(
                 ) as own,
                 machine.control_group(limits) as group,
             ):
-                results = _flown(_job(handin, Path(own), tables, limits, machine, group), made)
+                evidence = Path(own, "evidence")
+                if keep:
+                    evidence.mkdir(mode=0o700)
+                job = _job(handin, Path(own), tables, limits, machine, group)
+                job = replace(job, evidence=str(evidence) if keep else "")
+                results = _flown(job, made, judges, events.put)
+                if keep:
+                    keep(handin, evidence)
             if any(each.output == NOT_FLOWN for each in results):
                 why = f"it took more than {limits.wall:g} s here; grade it again, with a larger --wall"
         except QuadctlError as problem:
@@ -78,12 +120,28 @@ def grade(
         except Exception as error:  # noqa: BLE001 - whatever it is, it must not cost the others' marks
             why = f"internal error: {type(error).__name__}: {error}; try: grade it by itself"
         why = encodable(" ".join(why.split()))
-        graded = Grade(handin.name, results or _all(made, [], why), time.monotonic() - began, why)
-        on_done(graded)
-        return graded
+        return Grade(handin.name, results or _all(made, [], why), time.monotonic() - began, why)
 
-    with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(one, handins))
+    with leaving() as stay, ThreadPoolExecutor(jobs) as pool:
+        futures = [pool.submit(one, handin) for handin in handins]
+        try:
+            for future in futures:
+                future.add_done_callback(events.put)
+            left = len(futures)
+            while left:
+                event = events.get()
+                if isinstance(event, RowResult):
+                    on_row(event)
+                else:
+                    left -= 1
+                    on_done(event.result())
+        except BaseException:
+            # After Ctrl-C nothing flies on.
+            stay()
+            pool.shutdown(wait=False, cancel_futures=True)
+            judges.end()
+            raise
+        return [future.result() for future in futures]
 
 
 def _job(
@@ -104,7 +162,7 @@ def _job(
     except Invalid as problem:
         # The folder is gone when this is read.
         raise Invalid(problem.message.replace(f"{folder}{os.sep}", ""), problem.hint) from problem
-    return GradingJob(str(folder), str(root), nodes, tables, limits, machine, group)
+    return GradingJob(str(folder), str(root), nodes, tables, limits, machine, group, "")
 
 
 def _all(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
@@ -113,7 +171,9 @@ def _all(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
     return [found.get(row.name) or RowResult.without_flight(row, why) for row in made.rows]
 
 
-def _flown(job: GradingJob, made: Rubric) -> list[RowResult]:
+def _flown(
+    job: GradingJob, made: Rubric, judges: _Judges, on_row: Callable[[RowResult], None]
+) -> list[RowResult]:
     """Fly a hand-in in a process of its own; its end, whatever its cause, costs only its own rows."""
     command = (sys.executable, "-P", "-m", "quadctl.cli.lab.grading")
     with (
@@ -125,19 +185,19 @@ def _flown(job: GradingJob, made: Rubric) -> list[RowResult]:
             stderr=errors,
             start_new_session=True,
         ) as process,
+        judges.running(process),
     ):
         assert process.stdin is not None  # noqa: S101 - pipes, see above
         assert process.stdout is not None  # noqa: S101
         process.stdin.write(msgspec.json.encode(job) + b"\n")
         process.stdin.flush()
-        try:
-            results = list(_results(process.stdout, job.limits.wall + _END))
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(_LAST)
-            code = process.returncode
-        finally:
-            # Its run ends with it.
-            process.kill()
+        results = list[RowResult]()
+        for result in _results(process.stdout, job.limits.wall + _END):
+            results.append(result)
+            on_row(result)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_LAST)
+        code = process.returncode
         errors.seek(0)
         last = errors.read().decode(errors="replace").splitlines()[-1:]
     failed = f"not flown: its judge failed: {last[0]}" if code and last else NOT_FLOWN
@@ -172,8 +232,9 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the grader ends us
     made = rubric(job.tables, "the rubric")
     until = time.monotonic() + job.limits.wall
+    evidence = Path(job.evidence) if job.evidence else None
     with job.machine.without_orphans():
-        for result in fly(folder, job.nodes, made, until=until, wrap=wrap):
+        for result in fly(folder, job.nodes, made, until=until, wrap=wrap, evidence=evidence):
             sys.stdout.buffer.write(msgspec.json.encode(result) + b"\n")
             sys.stdout.buffer.flush()
 

@@ -5,7 +5,8 @@ import os
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path, PurePath
 from random import Random
 from secrets import token_hex
@@ -43,6 +44,8 @@ _PATIENCE = LEASE_PATIENT_MS / 1000
 """Seconds that a reply may take, and a pose: on a busy machine a node waits long for a processor."""
 _LONGEST = 10_000
 """Most characters of a row's output: a hand-in writes parts of it."""
+RECORDING = "flight.mcap"
+"""File of the evidence with the longest run."""
 Wrap = Callable[[Realm, list[str]], list[str]]
 """Change of a node's command for a run, e.g. to one in a sandbox."""
 
@@ -76,6 +79,11 @@ class RowResult(Struct, frozen=True):
         return cls(row.name, row.number, False, 0.0, row.points, why[:_LONGEST], row.visible)
 
 
+def log_of(node: str) -> str:
+    """Return the file of the evidence with a node's log."""
+    return f"{node}.log"
+
+
 NOT_FLOWN = "not flown: the time for this hand-in is over (--wall)"
 _COPY = re.compile(r"(?:|/.*/quadctl-lab-[^/]+/root/\d+)/handin/(.+)")
 """File of a hand-in as its own nodes see it: in namespaces, or in the grader's temporary folder."""
@@ -87,21 +95,22 @@ def fly(
     rubric: Rubric,
     *,
     until: float,
-    record: str = "",
-    wrap: Wrap = lambda _realm, command: command,
+    wrap: Wrap,
+    evidence: Path | None,
 ) -> Iterator[RowResult]:
     """Fly each row against its node, which runs in `folder`; yield a result for each, as flown.
 
     A row flies with the student's node that it is about and with ours for the other: so a fault
     costs the rows of one node only. Rows with the same node and parameters share a run, and each
-    begins with a new boot. After `until`, on the monotonic clock, the rows that are left give 0. `record` is a file
-    for the longest run.
+    begins with a new boot. After `until`, on the monotonic clock, the rows that are left give 0. `evidence` is a
+    folder for the recording of the longest run, and for the log of each node from all its runs.
     """
     groups: dict[tuple[str, str], list[_Flight]] = {}
     for row, made in zip(rubric.rows, rubric.missions, strict=True):
         groups.setdefault((row.about, repr(row.set)), []).append((row, made))
     pending = deque((node, _SETTINGS, flights) for (node, _), flights in groups.items())
-    longest = max(groups.values(), key=len, default=[])
+    there = [flights for (node, _), flights in groups.items() if node in nodes]
+    longest = max(there, key=len, default=[])
     hung: dict[str, str] = {}
     while pending:
         node, settings, flights = pending.popleft()
@@ -118,14 +127,15 @@ def fly(
             processes={node: wrap(Realm(name), nodes[node])},
             dynamics=replace(params.dynamics, **settings),
         )
-        file = record if flights is longest else ""
+        file = str(evidence / RECORDING) if evidence and flights is longest else ""
         idle = ["pressure"] if node == "safety" else []  # no row about safety reads the barometer
         launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True, guarded=True)
-        again: list[_Flight] = []
-        if hangs := (yield from _fly_run(launch, flights, node, until, again)):
-            hung[node] = hangs
-        if again:
-            pending.append((node, _SLOW, again))
+        run = _LabRun(launch, node, evidence / log_of(node) if evidence else None)
+        yield from run.fly(flights, until)
+        if run.hangs:
+            hung[node] = run.hangs
+        if run.out_of_step:
+            pending.append((node, _SLOW, run.out_of_step))
 
 
 _Flight = tuple[RubricRow, MissionFile]
@@ -140,44 +150,66 @@ class _OutOfStep(Exception):
     """Flight in which a node has read its sensor by a clock of its own, and too seldom."""
 
 
-def _fly_run(
-    launch: Launch, flights: list[_Flight], name: str, until: float, again: list[_Flight]
-) -> Generator[RowResult, None, str]:
-    """Fly the rows of a run; return why its node is waited for no more, empty if it is.
+class _LabRun:
+    """Run with a student's node, in which rows are flown; `log` is a file for the node's lines.
 
-    Those that have to be flown again, slowly, are added to `again`.
+    Afterwards `hangs` has why the node is waited for no more, empty if it is, and `out_of_step` the
+    rows that have to be flown again, slowly.
     """
-    done, before, hangs = 0, "", ""
-    try:
-        with (
-            temporary_run(launch) as realm,
-            Client(launch.realm, DEFAULT, timeout=_PATIENCE) as client,
-        ):
-            node = _StudentNode(realm, name, Path(launch.folder))
-            for row, made in flights:
-                if time.monotonic() > until:
-                    yield RowResult.without_flight(row, NOT_FLOWN)
-                elif hangs and hangs == before:
-                    # What hangs in one row and again in the next is waited for no more.
-                    yield RowResult.without_flight(row, f"not flown: {hangs}")
-                elif why := node.renew():
-                    yield RowResult.without_flight(row, why)
-                else:
-                    before = hangs
-                    try:
-                        result, hangs = _fly_row(client, node, launch.params, row, made)
-                    except _OutOfStep:
-                        again.append((row, made))
-                    else:
-                        yield result
-                done += 1
-    except QuadctlError as problem:
-        # The node did not start, or the run has gone: its rows give 0, the others are flown.
-        for row, _ in flights[done:]:
-            yield RowResult.without_flight(row, _with_cause(problem.message, Path(launch.folder)))
-        if f"{name} {NOT_READY}" in problem.message:
-            return f"not flown: {problem.message.splitlines()[0]}"
-    return ""
+
+    def __init__(self, launch: Launch, name: str, log: Path | None) -> None:
+        self.hangs, self.out_of_step = "", list[_Flight]()
+        self._launch, self._name, self._log, self._logged = launch, name, log, b""
+
+    def fly(self, flights: Sequence[_Flight], until: float) -> Iterator[RowResult]:
+        """Fly rows up to a time on the monotonic clock; yield their results."""
+        done, folder = 0, Path(self._launch.folder)
+        try:
+            with (
+                temporary_run(self._launch) as realm,
+                Client(self._launch.realm, DEFAULT, timeout=_PATIENCE) as client,
+            ):
+                node = _StudentNode(realm, self._name, folder)
+                try:
+                    for result in self._fly_each(client, node, flights, until):
+                        if result is not None:
+                            yield result
+                        done += 1
+                finally:
+                    self._logged = node.logged()  # the run's folder goes with the run
+        except QuadctlError as problem:
+            # The node did not start, or the run has gone: its rows give 0, the others are flown.
+            self._logged += f"{problem.message}\n".encode()
+            for row, _ in flights[done:]:
+                yield RowResult.without_flight(row, _with_cause(problem.message, folder))
+            if f"{self._name} {NOT_READY}" in problem.message:
+                self.hangs = f"not flown: {problem.message.splitlines()[0]}"
+        finally:
+            if self._log is not None:
+                rows = ", ".join(row.number for row, _ in flights)
+                with suppress(OSError), self._log.open("ab") as out:
+                    out.write(f"== rows {rows}\n".encode() + self._logged)
+
+    def _fly_each(
+        self, client: Client, node: "_StudentNode", flights: Sequence[_Flight], until: float
+    ) -> Iterator[RowResult | None]:
+        before = hangs = ""
+        for row, made in flights:
+            if time.monotonic() > until:
+                yield RowResult.without_flight(row, NOT_FLOWN)
+            elif hangs and hangs == before:
+                # What hangs in one row and again in the next is waited for no more.
+                yield RowResult.without_flight(row, f"not flown: {hangs}")
+            elif why := node.renew():
+                yield RowResult.without_flight(row, why)
+            else:
+                before = hangs
+                try:
+                    result, hangs = _fly_row(client, node, self._launch.params, row, made)
+                    yield result
+                except _OutOfStep:
+                    self.out_of_step.append((row, made))
+                    yield None
 
 
 _LAST_LINES = "; its last lines:"
@@ -331,6 +363,10 @@ class _StudentNode:
             time.sleep(_LOOK)
         return lines
 
+    def logged(self) -> bytes:
+        """Return the last part of all that the node has logged in this run."""
+        return self._written(0)[-_MOST_LOGGED:]
+
     def _record(self) -> ProcessRecord:
         run = run_files.read(self._realm)
         return next(node for node in run.nodes if node.name == self._name)
@@ -375,6 +411,8 @@ _UNCAUGHT = "exit 1"
 """End of a process by an error that it did not catch, and so wrote a traceback."""
 _LOGGED = 2.0
 """Seconds until a line that a node has printed is in its log."""
+_MOST_LOGGED = 1_000_000
+"""Bytes of a run's log that are kept: a hand-in may fill it."""
 _NOTICED, _NOTICED_AT_LAST, _LOOK = 0.3, 10.0, 0.02
 """Seconds until a process ends, until its end is in the record, and between two looks at both."""
 

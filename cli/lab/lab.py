@@ -1,11 +1,9 @@
 """`lab new`, `lab check` and `lab grade`."""
 
-import base64
-import html
 import os
-import time
+import secrets
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from quadctl.cli import output
 from quadctl.cli.context import Options, require_local
@@ -15,10 +13,18 @@ from quadctl.services.runtime.files import making, write_new
 from quadctl.services.runtime.params.load import read
 from quadctl.services.runtime.params.names import nearest
 
+if TYPE_CHECKING:
+    from quadctl.cli.lab.handin import HandIn
+    from quadctl.cli.lab.machine import Machine
+    from quadctl.cli.lab.report import ClassRecord
+
 _HERE = Path(__file__).parent
 _VISIBLE, _HIDDEN = _HERE / "rubric.toml", _HERE / "hidden.toml"
 _EXTRA = _HERE / "extra.toml"
 _TEMPLATE = _HERE / "template"
+_SEEDS = range(100_000, 1_000_000)
+"""Seeds to draw from: nobody guesses one."""
+_SAME = "leave the option out, or name another folder: --report"
 _NEEDS = "`quadctl lab new DIR` writes one"
 _HAND_INS = "give folders or zip files, e.g. `quadctl lab grade handins/*`"
 
@@ -51,60 +57,63 @@ def new(
 def check(
     options: Options,
     folder: Annotated[Path, Arg("A folder of `lab new` (default: this one).", "DIR")] = Path(),
-    report: Annotated[
-        Path | None, Option("Folder of the report (default: DIR/report).", metavar="DIR")
+    report_folder: Annotated[
+        Path | None, Option("Folder of the report (default: DIR/report).", ("--report",), "DIR")
     ] = None,
 ) -> None:
     """Fly the visible rubric against your nodes, and write a report with the flight's picture.
 
-    Exits with 8 if a row does not hold.
+    Your nodes run in the sandbox of `lab grade`. Exits with 8 if a row does not hold.
 
     Example: quadctl lab check mylab
     """
     require_local(options, "lab check")
-    from quadctl.cli.lab import formats
-    from quadctl.cli.lab.handin import nodes_in
-    from quadctl.cli.lab.judge import RowResult, fly
-    from quadctl.cli.lab.machine import Limits
-    from quadctl.cli.lab.rubric import rubric
+    from quadctl.cli.lab import formats, grading, machine, report
+    from quadctl.cli.lab.handin import HandIn, encodable, nodes_in
+    from quadctl.cli.lab.judge import RowResult
+    from quadctl.cli.lab.rubric import rubric, visible
 
     own = folder / "rubric.toml"
     file = own if own.exists() else _VISIBLE
-    tables = read(file, _NEEDS)
-    every = rubric(_with_hidden(tables), str(file))
-    rows = every.visible()
+    tables = _with_hidden(read(file, _NEEDS))
+    points = rubric(tables, str(file)).points
+    rows = visible(tables)
     if not folder.is_dir():
         raise Invalid(f"there is no folder {folder}", _NEEDS)
-    nodes = nodes_in(folder)
-    target = report or folder / "report"
+    nodes_in(folder)
+    target = report_folder or folder / "report"
     with making(target):
         target.mkdir(parents=True, exist_ok=True)
-    recording = target / "flight.mcap"
-    recording.unlink(missing_ok=True)
+        report.clear(target)
+    means = machine.probe()
+    if means.gaps():
+        output.note(f"`lab grade` shuts hand-ins in more closely than this machine: {means.lacks}")
     _compile_vehicle()
-    began, results = time.monotonic(), list[RowResult]()
-    until = began + Limits().wall
-    for result in fly(
-        folder.absolute(), nodes, rows, until=until, record=str(recording.absolute())
-    ):
-        results.append(result)
+
+    def on_row(result: RowResult) -> None:
         if not options.json:
             output.line(f"{'ok  ' if result.ok else 'FAIL'}  {result.number}  {result.name}")
-    place = {row.name: number for number, row in enumerate(rows.rows)}
-    results.sort(key=lambda result: place[result.name])
-    grade = formats.Grade(folder.absolute().name, results, time.monotonic() - began)
-    picture = _picture(recording, target / "flight.png")
-    page = target / "report.html"
-    unseen = _unseen(every.points - rows.points)
-    with making(page):
-        page.write_text(_page(grade, unseen, picture), "utf-8")
+
+    name = encodable(folder.absolute().name)
+    (graded,) = grading.grade(
+        [HandIn(name, folder)],
+        rows,
+        machine.Limits(),
+        jobs=1,
+        machine=means,
+        on_done=lambda _grade: None,
+        on_row=on_row,
+        keep=lambda _handin, evidence: report.keep(evidence, target, output.note),
+    )
+    unseen = _unseen(points - graded.max_score)
+    page = report.write_page(target, name, graded, unseen, output.note)
     if options.json:
-        output.document(grade.document())
+        output.document(graded.document())
     else:
-        for line in (*formats.text(grade).splitlines(), *unseen):
+        for line in (*formats.text(graded).splitlines(), *unseen):
             output.line(line)
         output.line(f"report: {page}")
-    output.end(ok=grade.ok)
+    output.end(ok=graded.ok)
 
 
 def grade(
@@ -129,6 +138,17 @@ def grade(
         float, Option("Last limit for one hand-in, s; beyond it, it is not graded.")
     ] = 1800.0,
     memory: Annotated[int, Option("Limit for one node, MB.", min=64)] = 1024,
+    report: Annotated[
+        Path | None,
+        Option("Folder for a report on each student, and for the class page.", metavar="DIR"),
+    ] = None,
+    row: Annotated[
+        list[str] | None,
+        Option("Grade only the row with this number; repeat it for more.", metavar="NUMBER"),
+    ] = None,
+    seed: Annotated[
+        int | None, Option("Seed of the hidden flights, one for a class (default: drawn).", min=0)
+    ] = None,
     trust: Annotated[
         bool, Option("Grade also where this machine cannot shut hand-ins in completely.")
     ] = False,
@@ -136,29 +156,99 @@ def grade(
     """Grade hand-ins: fly the rubric against the nodes of each, in a sandbox.
 
     A machine without namespaces cannot shut them in completely: there it asks for --trust.
+    With --report, hand-ins join the class that the folder has, with its seed and rubric.
     Exits with 0 when all have been graded, whatever their points.
 
     Example: quadctl lab grade handins/*.zip --format csv -o points.csv
     """
     require_local(options, "lab grade")
-    from quadctl.cli.lab import exports, formats, grading, machine
-    from quadctl.cli.lab.handin import HandIn
+    from quadctl.cli.lab import formats, grading, machine
+    from quadctl.cli.lab.report import ClassReport
+    from quadctl.cli.lab.rubric import drawn, selected
 
-    if format not in formats.FORMS:
-        hint = nearest(format, formats.FORMS) or f"one of {', '.join(formats.FORMS)}"
-        raise UsageError(f"--format {format}: there is no such form", hint)
+    handins = _handins(submissions or [], format)
+    record = _record(report, rubric, seed)
+    chosen = selected(record.rubric, row) if row else record.rubric
+    rows = drawn(chosen, record.seed)
+    made = ClassReport(report, record, output.note) if report else None
+    means = _means(trust=trust)
+    if made:
+        made.enter(handins, anew=bool(row))
+    if rows != chosen:
+        output.note(f"hidden flights: --seed {record.seed}")
+    _compile_vehicle()
+    done = 0
+
+    def on_done(graded: formats.Grade) -> None:
+        nonlocal done
+        done += 1
+        points = f"{graded.score:g} of {graded.max_score:g}"
+        output.note(f"{done}/{len(handins)}  {graded.submission}: {graded.fault or points}")
+        if made:
+            made.add(graded)
+
+    grades = grading.grade(
+        handins,
+        rows,
+        machine.Limits(seconds=seconds, wall=wall, memory=memory),
+        jobs=jobs or os.cpu_count() or 1,
+        machine=means,
+        on_done=on_done,
+        keep=made.keep if made else None,
+    )
+    if faults := sum(bool(graded.problem) for graded in grades):
+        output.note(f"{faults} of {len(grades)} not gradable, see above")
+    if made:
+        grades = made.grades(handins)
+        output.note(f"class page: {made.page}")
+    text = formats.written("json" if options.json and format == "text" else format, grades)
+    if output_file is None:
+        output.write(text)
+        return
+    with making(output_file):
+        output_file.write_text(text, "utf-8", newline="")
+
+
+def _handins(submissions: list[str], form: str) -> "list[HandIn]":
+    """Return the hand-ins that are named; raise UsageError or Invalid if there are none, or too many for the form."""
+    from quadctl.cli.lab import exports, formats
+    from quadctl.cli.lab.handin import HandIn, encodable
+
+    if form not in formats.FORMS:
+        hint = nearest(form, formats.FORMS) or f"one of {', '.join(formats.FORMS)}"
+        raise UsageError(f"--format {form}: there is no such form", hint)
     if not submissions:
         raise UsageError("there is no hand-in to grade", _HAND_INS)
     paths = [Path(each) for each in submissions]
     for path in paths:
         if not path.exists():
             raise Invalid(f"there is no hand-in {path}", _HAND_INS)
-    formats.require_fit(format, len(paths))
-    handins = [HandIn(str(path), path) for path in paths]
+    formats.require_fit(form, len(paths))
     # Among others, a student's archive must not name other students.
-    if len(paths) == 1 and not formats.is_of_one(format):
-        handins = exports.handins_in(paths[0])
-    tables = _tables(rubric) if rubric else _builtin()
+    if len(paths) == 1 and not formats.is_of_one(form):
+        return exports.handins_in(paths[0])
+    return [HandIn(encodable(str(path)), path) for path in paths]
+
+
+def _record(report: Path | None, rubric: Path | None, seed: int | None) -> "ClassRecord":
+    """Return the record of the class in a report, else a new one; raise Invalid if it has another seed or rubric."""
+    from quadctl.cli.lab.report import ClassRecord, record_in
+
+    tables = _tables(rubric) if rubric else _with_hidden(read(_VISIBLE, _NEEDS))
+    record = record_in(report) if report else None
+    if record is None:
+        return ClassRecord(secrets.choice(_SEEDS) if seed is None else seed, tables)
+    if seed not in {None, record.seed}:
+        raise Invalid(f"--seed {seed}: the class in {report} has {record.seed}", _SAME)
+    if rubric and tables != record.rubric:
+        raise Invalid(f"--rubric {rubric}: the class in {report} has another rubric", _SAME)
+    return record
+
+
+def _means(*, trust: bool) -> "Machine":
+    """Return the means to shut hand-ins in; raise QuadctlError without trust if they do so incompletely."""
+    from quadctl.cli.lab import machine
+
     means = machine.probe()
     if gaps := means.gaps():
         cannot = (
@@ -169,31 +259,7 @@ def grade(
                 cannot, "grade on one that can, or add --trust if you trust the hand-ins"
             )
         output.note(cannot)
-    _compile_vehicle()
-    done = 0
-
-    def on_done(graded: formats.Grade) -> None:
-        nonlocal done
-        done += 1
-        points = f"{graded.score:g} of {graded.max_score:g}"
-        output.note(f"{done}/{len(handins)}  {graded.submission}: {graded.fault or points}")
-
-    grades = grading.grade(
-        handins,
-        tables,
-        machine.Limits(seconds=seconds, wall=wall, memory=memory),
-        jobs=jobs or os.cpu_count() or 1,
-        machine=means,
-        on_done=on_done,
-    )
-    if faults := sum(bool(graded.problem) for graded in grades):
-        output.note(f"{faults} of {len(grades)} not gradable, see above")
-    text = formats.written("json" if options.json and format == "text" else format, grades)
-    if output_file is None:
-        output.write(text)
-        return
-    with making(output_file):
-        output_file.write_text(text, "utf-8", newline="")
+    return means
 
 
 def _compile_vehicle() -> None:
@@ -203,10 +269,6 @@ def _compile_vehicle() -> None:
     if compiler.is_due():
         output.note("compiling the vehicle, once for this machine")
         compiler.have_made()
-
-
-def _builtin() -> dict[str, Any]:
-    return _with_hidden(read(_VISIBLE, _NEEDS))
 
 
 def _with_hidden(tables: dict[str, Any]) -> dict[str, Any]:
@@ -232,53 +294,3 @@ def _tables(file: Path) -> dict[str, Any]:
     tables = read(file, _NEEDS)
     rubric(tables, str(file))
     return tables
-
-
-def _picture(recording: Path, target: Path) -> Path | None:
-    """Draw the recorded flights; None if nothing was flown."""
-    if not recording.exists():
-        return None
-    from quadctl.cli.plot.figure import draw
-    from quadctl.cli.plot.plot import recorded
-
-    try:
-        draw(target, recorded(recording), "the flights of the rubric")
-    except QuadctlError as problem:
-        output.note(f"no picture: {problem.message}")
-        return None
-    return target
-
-
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
-table { border-collapse: collapse; width: 100%; }
-th, td { text-align: left; padding: .4rem .6rem; border-bottom: 1px solid #ccc; vertical-align: top; }
-.ok { color: #0a6b2d; } .fail { color: #b3261e; font-weight: bold; }
-pre { white-space: pre-wrap; margin: 0; font-size: .85rem; } img { max-width: 100%; }
-"""
-
-
-def _page(grade: Any, unseen: list[str], picture: Path | None) -> str:
-    rows = "\n".join(
-        f"<tr><td>{html.escape(test.number)}</td><td>{html.escape(test.name)}</td>"
-        f'<td class="{"ok" if test.ok else "fail"}">{"ok" if test.ok else "fails"}</td>'
-        f"<td>{test.score:g} / {test.max_score:g}</td>"
-        f"<td><pre>{html.escape(test.output)}</pre>{_hint(test.hint)}</td></tr>"
-        for test in grade.tests
-    )
-    image = ""
-    if picture is not None:
-        data = base64.b64encode(picture.read_bytes()).decode()
-        image = f'<h2>Flights</h2><img alt="The flights" src="data:image/png;base64,{data}">'
-    note = "".join(f"<p>{html.escape(line)}</p>" for line in unseen)
-    title = f"{html.escape(grade.submission)}: {grade.score:g} of {grade.max_score:g} points"
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{_STYLE}</style><h1>{title}</h1><table>"
-        "<tr><th></th><th>Row</th><th></th><th>Points</th><th>Evidence</th></tr>"
-        f"{rows}</table>{note}{image}</html>\n"
-    )
-
-
-def _hint(hint: str) -> str:
-    return f"<p>Hint: {html.escape(hint)}</p>" if hint else ""

@@ -27,7 +27,7 @@ from quadctl.cli.mission.mission import (
 )
 from quadctl.schemas.topics import SERVICES
 from quadctl.schemas.units import Metres
-from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params.names import nearest
 
 Expectation = Literal[
@@ -119,11 +119,6 @@ class Rubric(Struct, frozen=True):
         """Return the points of all rows."""
         return sum(row.points for row in self.rows)
 
-    def visible(self) -> "Rubric":
-        """Return the rubric without the rows that students do not see."""
-        kept = [n for n, row in enumerate(self.rows) if row.visible]
-        return Rubric([self.rows[n] for n in kept], [self.missions[n] for n in kept])
-
 
 def rubric(tables: dict[str, Any], source: str) -> Rubric:
     """Return the rubric in a file's tables; raise Invalid, which names the row and the key."""
@@ -140,6 +135,39 @@ def rubric(tables: dict[str, Any], source: str) -> Rubric:
         if names.count(name) > 1:
             raise Invalid(f"{source}: two rows have the name {name!r}", "give each its own")
     return Rubric(rows, [_mission(row, f"{source}: row {row.name!r}") for row in rows])
+
+
+def drawn(tables: dict[str, Any], seed: int) -> dict[str, Any]:
+    """Return a rubric's tables in which hidden rows that fly at random, without a seed of their own, have this one."""
+    return {
+        "row": [
+            row | {"seed": seed}
+            if row.get("expect") in _FLIES and row.get("visible") is False and "seed" not in row
+            else row
+            for row in tables["row"]
+        ]
+    }
+
+
+def visible(tables: dict[str, Any]) -> dict[str, Any]:
+    """Return a rubric's tables without the rows that students do not see."""
+    return {"row": [row for row in _numbered(tables) if row.get("visible") is not False]}
+
+
+def selected(tables: dict[str, Any], numbers: Sequence[str]) -> dict[str, Any]:
+    """Return a rubric's tables with the rows of these numbers alone; raise UsageError for an unknown one."""
+    rows = _numbered(tables)
+    known = [row["number"] for row in rows]
+    for number in numbers:
+        if number not in known:
+            hint = nearest(number, known) or f"one of {', '.join(known)}"
+            raise UsageError(f"--row {number}: the rubric has no such row", hint)
+    return {"row": [row for row in rows if row["number"] in numbers]}
+
+
+def _numbered(tables: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return a rubric's rows, each with its number: that of its place, unless it has one."""
+    return [{"number": str(place)} | row for place, row in enumerate(tables["row"], 1)]
 
 
 def _row(table: dict[str, Any], number: int, source: str) -> RubricRow:

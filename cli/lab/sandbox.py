@@ -300,10 +300,18 @@ def _become(
         _drop_capabilities()
         if rules:
             _restrict(spec["landlock"], rules)
-        os.execvpe(command[0], command, environment)  # noqa: S606 - a hand-in's own command
+        _run(command, environment)
     except OSError as error:
         print(f"{command[0]}: {error}", file=sys.stderr)
     os._exit(127)
+
+
+def _run(command: list[str], environment: dict[str, str]) -> None:
+    """Become a hand-in's own command; print an error if there is no such program."""
+    try:
+        os.execvpe(command[0], command, environment)  # noqa: S606 - see above
+    except (FileNotFoundError, PermissionError):
+        print(f"{command[0]} was not found, or is not executable", file=sys.stderr)
 
 
 def _drop_capabilities() -> None:

@@ -35,11 +35,13 @@ ABOUT_SAFETY = {number for number in (*ROWS, HIDDEN) if not number.startswith("3
 
 
 def graded(lab: Lab, *words: object, timeout: float = 60.0) -> dict[str, dict[str, str]]:
-    """Grade hand-ins; return the output of each row that does not hold, by hand-in and number.
+    """Grade hand-ins with known hidden flights; return the output of each row that does not hold, by hand-in and number.
 
     Marks are the same on a machine that cannot shut them in completely.
     """
-    done = lab.quadctl("lab", "grade", *words, "--format", "json", "--trust", timeout=timeout)
+    done = lab.quadctl(
+        "lab", "grade", *words, "--format", "json", "--trust", "--seed", 19, timeout=timeout
+    )
     assert done.code == 0, done.err
     return {
         Path(each["submission"]).stem: {
@@ -144,7 +146,7 @@ def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
 def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
     expected = {"completed": 36, "no_baseline": 33, "never_arrives": 8}
     assert {name: promised()[name] for name in expected} == expected
-    done = lab.quadctl("lab", "grade", write("no_baseline", lab.folder), "--trust")
+    done = lab.quadctl("lab", "grade", write("no_baseline", lab.folder), "--trust", "--seed", 19)
     assert "no_baseline: 33 of 36" in done.err, done.out
 
 
@@ -157,30 +159,6 @@ def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
     outputs = graded(lab, handin, "--rubric", hidden)["reads_the_rubric"]
     assert outputs.keys() == {HIDDEN}
     assert "FOUND []" in outputs[HIDDEN]
-
-
-POOR = """
-from quadctl.cli.lab import machine, sandbox
-from quadctl.cli.main import main
-found = machine.Machine(landlock=sandbox.landlock(), lacks="no namespaces: Refused")
-machine.probe = lambda: found
-main()
-"""
-"""`quadctl` on a machine without namespaces."""
-
-
-def test_without_namespaces_grading_asks_for_trust(lab: Lab):
-    good = write("completed", lab.folder)
-    rubric = lab.file(ARRIVES, "rubric.toml")
-    grade = [sys.executable, "-c", POOR, "lab", "grade", str(good), "--rubric", str(rubric)]
-    done = lab.run(grade)
-    cannot = (
-        "this machine cannot shut hand-ins in completely (no namespaces: Refused): one could use"
-    )
-    assert (done.code, done.out, cannot in done.err, "--trust" in done.err) == (1, "", True, True)
-    trusted = lab.run([*grade, "--trust"], 60.0)
-    assert (trusted.code, trusted.out.splitlines()[0]) == (0, f"{good}: 1 of 1 points")
-    assert trusted.err.count(cannot) == 1
 
 
 @pytest.mark.parametrize(
@@ -212,6 +190,7 @@ def test_a_wrong_call_is_refused(lab: Lab, words: str, code: int, error: str):
 )
 def test_only_safety_and_pressure_may_be_handed_in(lab: Lab, text: str, error: str):
     lab.file(text, "quad.toml")
+    lab.file(ARRIVES, "rubric.toml")
     done = lab.quadctl("lab", "check", "--json")
     assert error in done.err + done.out
     assert done.code == (8 if "nothere" in text else 6)
@@ -259,7 +238,18 @@ def test_no_cheat_gains_a_point_or_disturbs_the_next(lab: Lab, proofs: Proofs):
     honest = write("completed", lab.folder)
     in_turn = [each for folder in folders for each in (folder, honest)]
     done = lab.quadctl(
-        "lab", "grade", *in_turn, "--jobs", 1, "--seconds", 30, "--format", "json", timeout=800
+        "lab",
+        "grade",
+        *in_turn,
+        "--jobs",
+        1,
+        "--seconds",
+        30,
+        "--seed",
+        19,
+        "--format",
+        "json",
+        timeout=800,
     )
     assert done.code == 0, done.err
     for cheat, after in zip(done.json[::2], done.json[1::2], strict=True):

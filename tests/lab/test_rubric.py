@@ -9,7 +9,14 @@ import pytest
 from msgspec.structs import replace
 
 from quadctl.cli.lab.flown import FlownMission, Outcome
-from quadctl.cli.lab.rubric import RubricRow, WaypointStep, rubric
+from quadctl.cli.lab.rubric import (
+    RubricRow,
+    WaypointStep,
+    drawn,
+    rubric,
+    selected,
+    visible,
+)
 from quadctl.cli.lab.verdict import RowVerdict, judge
 from quadctl.cli.mission.mission import CageStep, Calibrate, CallStep, GotoStep, Row
 from quadctl.schemas.messages import (
@@ -26,7 +33,7 @@ from quadctl.schemas.messages import (
 )
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateResponse, GotoResponse, ToggleCageResponse
-from quadctl.services.runtime.errors import Invalid, Refused
+from quadctl.services.runtime.errors import Invalid, Refused, UsageError
 
 LAB = Path(__file__).parents[2] / "cli/lab"
 GOTO = 'rows = [{ at = 3.0, do = "goto", x = 9.0, y = 0.0, z = 1.0 }]\n'
@@ -386,3 +393,35 @@ def test_each_calibration_is_obeyed_until_the_next(shown: Callable[[float], floa
     verdict = judged("zeroed", steps, lambda _at: 0.0, shown=shown)
     assert output in verdict.output
     assert verdict.ok is (not output)
+
+
+RANDOM = {"name": "a", "expect": "random_flights", "visible": False}
+TABLES: dict[str, Any] = {
+    "row": [
+        RANDOM, RANDOM | {"name": "b", "seed": 3}, RANDOM | {"name": "c", "visible": True, "number": "x"},
+        {"name": "d", "expect": "arrives", "visible": False},
+    ]
+}  # fmt: skip
+
+
+def test_hidden_rows_without_a_seed_are_drawn_from_the_one_of_the_class():
+    seeds = [row.get("seed") for row in drawn(TABLES, 4711)["row"]]
+    assert seeds == [4711, 3, None, None]
+    assert drawn(TABLES, 4711) != TABLES
+    builtin = tomllib.loads((LAB / "hidden.toml").read_text("utf-8"))
+    assert [row.seed for row in rubric(drawn(builtin, 4711), "hidden.toml").rows] == [4711]
+
+
+def test_rows_that_are_left_keep_their_numbers():
+    assert [(row["name"], row["number"]) for row in visible(TABLES)["row"]] == [("c", "x")]
+    rows = selected(TABLES, ["4", "x"])["row"]
+    assert [(row["name"], row["number"]) for row in rows] == [("c", "x"), ("d", "4")]
+
+
+@pytest.mark.parametrize(
+    ("number", "hint"), [("X", "did you mean x?"), ("77", "one of 1, 2, x, 4")]
+)
+def test_an_unknown_row_is_refused(number: str, hint: str):
+    with pytest.raises(UsageError, match=f"--row {number}: the rubric has no such row") as caught:
+        selected(TABLES, ["1", number])
+    assert caught.value.hint == hint

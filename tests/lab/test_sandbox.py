@@ -10,6 +10,7 @@ import pytest
 
 from quadctl.cli.lab import sandbox
 from quadctl.cli.lab.machine import Limits, Machine, probe
+from tests.support.handins import write
 from tests.support.lab import Lab
 from tests.support.namespaces import tool
 from tests.support.poor_machines import chroot, poor
@@ -310,3 +311,40 @@ def test_what_a_killed_node_leaves_ends_with_the_judge(lab: Lab):
 )
 def test_gaps_name_what_a_hand_in_could_do(machine: Machine, gaps: str):
     assert machine.gaps() == gaps
+
+
+POOR = """
+from quadctl.cli.lab import machine, sandbox
+from quadctl.cli.main import main
+found = machine.Machine(landlock=sandbox.landlock(), lacks="no namespaces: Refused")
+machine.probe = lambda: found
+main()
+"""
+"""`quadctl` on a machine without namespaces."""
+ARRIVES = (
+    '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 7.0\n'
+    'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 0.0, z = 1.0 }]\n'
+)
+
+
+def test_without_namespaces_grading_asks_for_trust(lab: Lab):
+    good = write("completed", lab.folder)
+    rubric = lab.file(ARRIVES, "rubric.toml")
+    grade = [sys.executable, "-c", POOR, "lab", "grade", str(good), "--rubric", str(rubric)]
+    done = lab.run(grade)
+    cannot = (
+        "this machine cannot shut hand-ins in completely (no namespaces: Refused): one could use"
+    )
+    assert (done.code, done.out, cannot in done.err, "--trust" in done.err) == (1, "", True, True)
+    trusted = lab.run([*grade, "--trust"], 60.0)
+    assert (trusted.code, trusted.out.splitlines()[0]) == (0, f"{good}: 1 of 1 points")
+    assert trusted.err.count(cannot) == 1
+
+
+@pytest.mark.thorough
+def test_without_namespaces_a_check_asks_for_no_trust(lab: Lab):
+    mine = write("completed", lab.folder)
+    (mine / "rubric.toml").write_text(ARRIVES, "utf-8")
+    done = lab.run([sys.executable, "-c", POOR, "lab", "check", str(mine)], 60.0)
+    assert (done.code, "1 of 1 points" in done.out) == (0, True), done
+    assert done.err.count("no namespaces: Refused") == 1

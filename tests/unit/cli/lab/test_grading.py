@@ -3,7 +3,10 @@
 import csv
 import io
 import json
+import threading
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,10 +20,11 @@ from tests.support.archives import LAB, folder
 ROW = {"name": "flies", "expect": "arrives", "rows": [{"at": 4.0, "do": "goto", "x": 1.0, "y": 1.0, "z": 1.0}]}  # fmt: skip
 
 
-def grades(*paths: Path) -> list[formats.Grade]:
+def grades(*paths: Path, **more: Any) -> list[formats.Grade]:
+    callbacks: dict[str, Any] = {"on_done": lambda _grade: None} | more
     return grading.grade(
         [HandIn(path.name, path) for path in paths], {"row": [ROW]}, Limits(), jobs=2,
-        machine=Machine(), on_done=lambda _grade: None,
+        machine=Machine(), **callbacks,
     )  # fmt: skip
 
 
@@ -28,12 +32,19 @@ def grades(*paths: Path) -> list[formats.Grade]:
 def flown(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every hand-in fly well, but for one with which the grader itself fails."""
 
-    def fly(job: grading.GradingJob, made: Rubric) -> list[RowResult]:
+    def fly(
+        job: grading.GradingJob, made: Rubric, _judges: object, on_row: Callable[[RowResult], None]
+    ) -> list[RowResult]:
         if (Path(job.folder) / "worse.txt").exists():
             raise ZeroDivisionError("float\ndivision")
-        return [
+        if job.evidence:
+            (Path(job.evidence) / "safety.log").write_text("flying", "utf-8")
+        results = [
             RowResult(row.name, row.number, True, 1.0, 1.0, "arrived", True) for row in made.rows
         ]
+        for result in results:
+            on_row(result)
+        return results
 
     monkeypatch.setattr(grading, "_flown", fly)
 
@@ -60,6 +71,36 @@ def test_what_is_not_gradable_says_what_to_do_and_is_told_from_no_points(tmp_pat
     assert (bob["points"], bob["comment"]) == ("0", f"not gradable: {why}")
     problems = [each["problem"] for each in json.loads(formats.written("json", found))]
     assert problems == ["", why]
+
+
+@pytest.mark.usefixtures("flown")
+def test_rows_and_grades_are_told_in_the_callers_thread_and_evidence_before_it_goes(tmp_path: Path):
+    told: list[tuple[str, bool]] = []
+    logs: dict[str, str] = {}
+
+    def tell(name: str) -> None:
+        told.append((name, threading.current_thread() is threading.main_thread()))
+
+    def keep(handin: HandIn, evidence: Path) -> None:
+        logs[handin.name] = (evidence / "safety.log").read_text("utf-8")
+
+    grades(
+        *(folder(tmp_path / name) for name in ("a", "b")),
+        on_done=lambda grade: tell(grade.submission),
+        on_row=lambda result: tell(result.name),
+        keep=keep,
+    )
+    assert sorted(told) == [("a", True), ("b", True), ("flies", True), ("flies", True)]
+    assert logs == {"a": "flying", "b": "flying"}
+
+
+@pytest.mark.usefixtures("flown")
+def test_an_error_of_the_caller_ends_the_grading(tmp_path: Path):
+    def fail(_grade: formats.Grade) -> None:
+        raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        grades(folder(tmp_path / "a"), on_done=fail)
 
 
 def test_csv_has_the_names_of_students_without_the_ends_of_archives():

@@ -71,13 +71,13 @@ def check(
     from quadctl.cli.lab import formats, grading, machine, report
     from quadctl.cli.lab.handin import HandIn, encodable, nodes_in
     from quadctl.cli.lab.judge import RowResult
-    from quadctl.cli.lab.rubric import rubric, visible
+    from quadctl.cli.lab.rubric import drawn, rubric, visible
 
     own = folder / "rubric.toml"
     file = own if own.exists() else _VISIBLE
     tables = _with_hidden(read(file, _NEEDS))
     points = rubric(tables, str(file)).points
-    rows = visible(tables)
+    rows = drawn(visible(tables), 0)
     if not folder.is_dir():
         raise Invalid(f"there is no folder {folder}", _NEEDS)
     nodes_in(folder)

@@ -9,6 +9,7 @@ expect = "refused"
 """
 
 from collections.abc import Sequence
+from random import Random
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -138,15 +139,35 @@ def rubric(tables: dict[str, Any], source: str) -> Rubric:
 
 
 def drawn(tables: dict[str, Any], seed: int) -> dict[str, Any]:
-    """Return a rubric's tables in which hidden rows that fly at random, without a seed of their own, have this one."""
-    return {
-        "row": [
-            row | {"seed": seed}
-            if row.get("expect") in _FLIES and row.get("visible") is False and "seed" not in row
-            else row
-            for row in tables["row"]
-        ]
-    }
+    """Return a rubric's tables with all that is left to chance drawn from a seed.
+
+    That are a step's numbers in brackets, its presence if it is `optional`, and hidden flights at random
+    without a seed of their own. A row's draws depend on its name and the seed alone.
+    """
+    return {"row": [_drawn(row, seed) for row in tables["row"]]}
+
+
+def _drawn(row: dict[str, Any], seed: int) -> dict[str, Any]:
+    if row.get("expect") in _FLIES and row.get("visible") is False and "seed" not in row:
+        return row | {"seed": seed}
+    return row | {"rows": _steps(row["name"], row["rows"], seed)} if row.get("rows") else row
+
+
+def _steps(name: str, steps: Sequence[dict[str, Any]], seed: int) -> list[dict[str, Any]]:
+    draw = Random(f"{seed} {name}")
+    drawn = [(draw.random(), {key: _number(x, draw) for key, x in step.items()}) for step in steps]
+    # Removed from each that is left, too: no mission knows it.
+    return [step for chance, step in drawn if not step.pop("optional", False) or chance < _HALF]
+
+
+_HALF = 0.5
+
+
+def _number(value: Any, draw: Random) -> Any:
+    match value:
+        case [int() | float() as low, int() | float() as high]:
+            return round(draw.uniform(low, high), 2)
+    return value
 
 
 def visible(tables: dict[str, Any]) -> dict[str, Any]:
@@ -204,31 +225,48 @@ def _mission(row: RubricRow, place: str) -> MissionFile:
         return MissionFile([], 0.0, params_of(row.set, place))
     if row.expect == "takes_waypoints":
         return _of_waypoints(row, place)
-    tables = {"rows": row.rows, "set": row.set} | ({} if row.end is None else {"end": row.end})
+    for step in row.rows:
+        if not isinstance(step.get("optional", False), bool):
+            raise Invalid(f"{place}: optional = {step['optional']!r}", "it is true or false")
+    steps = _steps(row.name, row.rows, 0)
+    tables = {"rows": steps, "set": row.set} | ({} if row.end is None else {"end": row.end})
     made = mission(tables, place)
-    if row.expect == "prints" and not row.lines:
-        raise Invalid(f"{place}: prints needs lines", 'e.g. lines = ["Param: cage x - [-5, 5]"]')
-    if row.expect == "replies" and not any(isinstance(step, CallStep) for step in made.rows):
-        raise Invalid(f"{place}: replies needs a call among its `rows`")
-    if row.expect == "state_seen" and not row.state:
-        raise Invalid(f"{place}: state_seen needs a state", 'e.g. state = "VERIFYING"')
-    services = {service.name: service for service in SERVICES}
+    _require_service(row, made, place)
+    if lacks := _lacks(row, made):
+        raise Invalid(f"{place}: {row.expect} needs {lacks}", f"see {_EXPECTATIONS}")
+    return made
+
+
+def _require_service(row: RubricRow, made: MissionFile, place: str) -> None:
+    services = [service.name for service in SERVICES]
     if row.service and row.service not in services:
-        raise Invalid(
-            f"{place}: there is no service {row.service}", nearest(row.service, [*services])
-        )
+        raise Invalid(f"{place}: there is no service {row.service}", nearest(row.service, services))
     if row.service and not any(step.call()[0].name == row.service for step in made.rows):
         raise Invalid(f"{place}: no row of its mission calls {row.service}", "add one to `rows`")
-    goes = sum(isinstance(step, GotoStep) for step in made.rows)
-    if row.expect in {"refused", "arrives", "transitions", "parameter_obeyed"} and not goes:
-        raise Invalid(f"{place}: {row.expect} needs a goto among its `rows`")
-    if row.expect == "answers_in_flight" and goes < 2:
-        raise Invalid(f"{place}: {row.expect} needs two goals in its `rows`")
-    if row.expect == "stops" and not _shuts_in_flight(made.rows):
-        raise Invalid(f"{place}: stops needs a goto and then a cage with on = true in its `rows`")
-    if row.expect == "zeroed" and not any(isinstance(step, Calibrate) for step in made.rows):
-        raise Invalid(f"{place}: zeroed needs a calibrate among its `rows`")
-    return made
+
+
+def _lacks(row: RubricRow, made: MissionFile) -> str:
+    """Return what a row needs to show what it expects; empty if it has all."""
+    kinds = [type(step) for step in made.rows]
+    needs = {
+        "prints": ('lines, e.g. ["Param: cage x - [-5, 5]"]', row.lines),
+        "replies": ("a call among its `rows`", CallStep in kinds),
+        "state_seen": ('a state, e.g. "VERIFYING"', row.state),
+        "answers_in_flight": ("two goals in its `rows`", kinds.count(GotoStep) > 1),
+        "stops": (
+            "a goto and then a cage with on = true in its `rows`",
+            _shuts_in_flight(made.rows),
+        ),
+        "zeroed": ("a calibrate among its `rows`", Calibrate in kinds),
+        **dict.fromkeys(_GOES, ("a goto among its `rows`", GotoStep in kinds)),
+    }
+    what, has = needs.get(row.expect, ("", True))
+    return "" if has else what
+
+
+_GOES = ("refused", "arrives", "transitions", "parameter_obeyed")
+"""Expectations about a goal."""
+_EXPECTATIONS = "docs/reference/files.md#expectations"
 
 
 def _of_waypoints(row: RubricRow, place: str) -> MissionFile:

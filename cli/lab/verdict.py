@@ -309,10 +309,11 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
                     False, f"{name}: baseline {reply.baseline:g} hPa, not {air:.2f} hPa"
                 )
         if isinstance(reply, ToggleCageResponse) and isinstance(step, CageStep):
-            later = [state for state in flown.states if state.stamp > step.at]
             if not reply.success:
                 return RowVerdict(False, f"{name}: success is false")
-            if not later or later[0].cage_on is not step.on:
+            # One that publishes on changes alone does so with the stamp of the pose before.
+            shown = flown.states[: first_at(flown.states, step.at + _SOON)]
+            if not shown or shown[-1].cage_on is not step.on:
                 return RowVerdict(False, f"{name}: safety/state does not show it")
     return RowVerdict(True, "each request was answered")
 

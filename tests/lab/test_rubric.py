@@ -425,3 +425,44 @@ def test_an_unknown_row_is_refused(number: str, hint: str):
     with pytest.raises(UsageError, match=f"--row {number}: the rubric has no such row") as caught:
         selected(TABLES, ["1", number])
     assert caught.value.hint == hint
+
+
+CHANCE = """
+[[row]]
+name = "a"
+expect = "parameter_obeyed"
+rows = [
+    { at = 3.0, do = "goto", x = [1.0, 2.0], y = 0.5, z = [1, 2] },
+    { at = 9.0, do = "goto", x = 0.0, y = 0.0, z = 1.0, optional = true },
+]
+"""
+
+
+def test_what_is_left_to_chance_is_drawn_from_the_seed_and_the_rows_name():
+    tables = tomllib.loads(CHANCE)
+    found = {seed: drawn(tables, seed)["row"][0]["rows"] for seed in range(40)}
+    assert drawn(tables, 7)["row"][0]["rows"] == found[7]
+    assert {len(steps) for steps in found.values()} == {1, 2}
+    places = {(step["x"], step["y"], step["z"]) for step, *_ in found.values()}
+    assert len(places) == 40
+    assert all(1 <= x <= 2 and y == 0.5 and 1 <= z <= 2 for x, y, z in places)
+    assert rubric(tables, "r.toml").missions == rubric(drawn(tables, 0), "r.toml").missions
+    other = tables["row"][0] | {"name": "b"}
+    assert drawn({"row": [other]}, 7)["row"][0]["rows"] != found[7]
+    assert drawn(drawn(tables, 7), 8) == drawn(tables, 7)
+    assert "optional" in tables["row"][0]["rows"][1]
+
+
+@pytest.mark.parametrize(
+    ("keys", "error"),
+    [
+        ("x = [1.0], y = 0.0, z = 1.0", "expected float, got array"),
+        ("x = [1.0, 2.0, 3.0], y = 0.0, z = 1.0", "expected float, got array"),
+        ('x = ["1", "2"], y = 0.0, z = 1.0', "expected float, got array"),
+        ("x = 0.0, y = 0.0, z = 1.0, optional = 1", "optional = 1"),
+    ],
+)
+def test_a_wrong_range_is_refused(keys: str, error: str):
+    rows = f'rows = [{{ at = 3.0, do = "goto", {keys} }}]'
+    with pytest.raises(Invalid, match=error):
+        read(f'[[row]]\nname = "a"\nexpect = "arrives"\n{rows}')

@@ -217,7 +217,7 @@ class Witness:
                 self.states.append(message)
                 self._check_count(STATE, len(self.states), SETPOINT.hz)
         elif isinstance(message, Setpoint):
-            if message.boot == self._boot:
+            if message.boot == self._boot and message.for_seq <= self._end * POSE.hz:
                 self.setpoints.append(message)
                 self._check_count(SETPOINT, len(self.setpoints), SETPOINT.hz)
         elif message.stamp <= self._end + _SLACK:

@@ -16,9 +16,10 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
+from quadctl.cli.lab.extra import prints
 from quadctl.cli.lab.flown import FlownMission, Outcome, Witness
-from quadctl.cli.lab.rubric import Rubric, RubricRow
-from quadctl.cli.lab.verdict import RowVerdict, judge, prints, random_flight
+from quadctl.cli.lab.rubric import RowVerdict, Rubric, RubricRow
+from quadctl.cli.lab.verdict import judge, random_flight
 from quadctl.cli.mission.fly import MissionFlight
 from quadctl.cli.mission.mission import CageStep, CallStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run

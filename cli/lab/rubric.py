@@ -10,7 +10,7 @@ expect = "refused"
 
 from collections.abc import Sequence
 from random import Random
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta, Struct
@@ -103,6 +103,13 @@ class RubricRow(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 _OF_PRESSURE = {"calibrate_pressure"}
+
+
+class RowVerdict(NamedTuple):
+    """Verdict on a row, and the evidence for it in one sentence."""
+
+    ok: bool
+    output: str
 
 
 class _File(Struct, forbid_unknown_fields=True):

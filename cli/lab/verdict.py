@@ -4,14 +4,12 @@ The true poses count, and the parameters of the launch; what a node reports of i
 where its report is the question.
 """
 
-import re
-from collections.abc import Sequence
-from itertools import groupby, pairwise
+from itertools import pairwise
 from math import dist, inf
-from typing import NamedTuple
 
 from msgspec.structs import astuple
 
+from quadctl.cli.lab.extra import STILL, prints, replies, takes_waypoints
 from quadctl.cli.lab.flown import (
     AT_REST,
     Commanded,
@@ -28,8 +26,8 @@ from quadctl.cli.lab.flown import (
     speed,
     until,
 )
-from quadctl.cli.lab.rubric import RubricRow
-from quadctl.cli.mission.mission import CageStep, Calibrate, CallStep, GotoStep
+from quadctl.cli.lab.rubric import RowVerdict, RubricRow
+from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep
 from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.services import (
     CalibrateResponse,
@@ -40,8 +38,6 @@ from quadctl.schemas.topics import CALIBRATE, SETPOINT
 from quadctl.services.pressure.simulated import pressure_at
 from quadctl.services.runtime.errors import Refused
 
-STILL = 0.3
-"""Metres that a vehicle may drift that refuses a goal."""
 _SOON = 0.3
 """Simulated seconds within which a node must show a change of its state, or take it back."""
 _BEFORE = 1.2 / SETPOINT.hz
@@ -58,13 +54,6 @@ _MODEL = 0.1
 """Share by which the change of a barometer's model with the height may differ from ours."""
 _TIME_TO_ARRIVE = 10.0
 """Simulated seconds after which a random flight's last goal must be reached."""
-
-
-class RowVerdict(NamedTuple):
-    """Verdict on a row, and the evidence for it in one sentence."""
-
-    ok: bool
-    output: str
 
 
 def judge(row: RubricRow, flown: FlownMission) -> RowVerdict:
@@ -295,19 +284,11 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
         name = str(step)
         if problem is not None:
             # Before the first reading there is no baseline.
-            if service is CALIBRATE and not any(r.stamp < step.at for r in flown.readings):
+            if service is CALIBRATE and not _has_read(flown, step.at):
                 continue
             return RowVerdict(False, f"{name}: {problem.message}")
         if isinstance(reply, GotoResponse) and not reply.accepted and not reply.reason.strip():
             return RowVerdict(False, f"{name}: refused without a reason")
-        if isinstance(reply, CalibrateResponse):
-            height = pose_at(flown.poses, step.at).position.z
-            unset = isinstance(step, Calibrate) and step.unset
-            air = 0.0 if unset else pressure_at(height)
-            if abs(reply.baseline - air) > (row.within or _AIR):
-                return RowVerdict(
-                    False, f"{name}: baseline {reply.baseline:g} hPa, not {air:.2f} hPa"
-                )
         if isinstance(reply, ToggleCageResponse) and isinstance(step, CageStep):
             if not reply.success:
                 return RowVerdict(False, f"{name}: success is false")
@@ -315,27 +296,62 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
             shown = flown.states[: first_at(flown.states, step.at + _SOON)]
             if not shown or shown[-1].cage_on is not step.on:
                 return RowVerdict(False, f"{name}: safety/state does not show it")
-    return RowVerdict(True, "each request was answered")
+    fault = "" if row.service not in {"", CALIBRATE.name} else _wrong_baseline(row, flown)
+    return RowVerdict(not fault, fault or "each request was answered")
+
+
+def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:
+    """Return which baseline is not the air's pressure, or does not change with it; empty if none is."""
+    first: tuple[float, float] | None = None
+    for step, reply, _ in flown.outcomes:
+        if not isinstance(reply, CalibrateResponse) or not isinstance(step, Calibrate):
+            continue
+        air = 0.0 if step.unset else pressure_at(pose_at(flown.poses, step.at).position.z)
+        if abs(reply.baseline - air) > (row.within or _AIR):
+            return f"{step}: baseline {reply.baseline:g} hPa, not {air:.2f} hPa"
+        if step.unset or not _has_read(flown, step.at):
+            continue
+        first = first or (air, reply.baseline)
+        change, expected = reply.baseline - first[1], air - first[0]
+        if _is_off(change, expected, _ZERO):
+            return f"{step}: {change:+.3f} hPa since the first baseline, not {expected:+.3f}"
+    return ""
+
+
+def _has_read(flown: FlownMission, at: float) -> bool:
+    """Return whether there was a reading of this flight before a time (s)."""
+    return any(reading.stamp < at for reading in flown.readings)
+
+
+def _is_off(found: float, expected: float, base: float) -> bool:
+    """Return whether a change (hPa) is not the expected one; the vehicle sways while a mean is taken."""
+    return abs(found - expected) > base + _MODEL * abs(expected)
 
 
 def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
     steps = [o.step for o in flown.outcomes if isinstance(o.step, Calibrate)]
     # A reading of the time of the next calibration may be from before it, or from after it.
     ends = [step.at - 1e-6 for step in steps[1:]] + [flown.poses[-1].stamp]
-    shown = 0.0
+    shown = offset = 0.0
     for step, end in zip(steps, ends, strict=True):
         # The reading of the calibration's own period may have been on its way.
         after = [reading for reading in flown.readings if step.at + 0.1 < reading.stamp <= end]
         if not after and step is steps[-1]:
             return RowVerdict(False, f"sensors/pressure shows no reading after `{step}`")
-        begun = pose_at(flown.poses, step.at).position.z
-        for reading in after:
-            height, shown = pose_at(flown.poses, reading.stamp).position.z, reading.pressure
-            air = pressure_at(height)
-            expected = air if step.unset else air - pressure_at(begun)
-            # The models of the air differ a little; the vehicle sways while the mean is taken.
-            allowed = _AIR if step.unset else (row.within or _ZERO) + _MODEL * abs(expected)
-            if abs(shown - expected) > allowed:
+        zero = pressure_at(pose_at(flown.poses, step.at).position.z)
+        for number, reading in enumerate(after):
+            shown = reading.pressure
+            expected = air = pressure_at(pose_at(flown.poses, reading.stamp).position.z)
+            if step.unset and not number:
+                # Models of the air differ: the first reading has the difference to ours.
+                wrong, offset = abs(shown - air) > _AIR, shown - air
+            elif step.unset:
+                wrong = _is_off(shown - offset - zero, air - zero, _ZERO)
+                expected = air + offset
+            else:
+                expected = air - zero
+                wrong = _is_off(shown, expected, row.within or _ZERO)
+            if wrong:
                 return RowVerdict(
                     False,
                     f"sensors/pressure shows {shown:g} hPa {reading.stamp - step.at:.1f} s after"
@@ -411,58 +427,6 @@ def random_flight(flown: FlownMission) -> RowVerdict:
     return RowVerdict(True, "inside, and each goal rightly answered")
 
 
-def prints(row: RubricRow, log: Sequence[str]) -> RowVerdict:
-    """Return whether each line is, whatever the form of its numbers, in a line of the log."""
-    printed = [_plain(line) for line in log]
-    for line in row.lines:
-        if not any(_plain(line) in each for each in printed):
-            return RowVerdict(False, f"no line of the node's log has `{line}`")
-    return RowVerdict(True, f"the node has logged {', '.join(row.lines)}")
-
-
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
-
-
-def _plain(line: str) -> str:
-    """Return a line with its numbers in their shortest form, and single spaces."""
-    return " ".join(_NUMBER.sub(lambda found: f"{float(found[0]):g}", line).split())
-
-
-def _takes_waypoints(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    ends = [step.at for step in row.waypoints[1:]] + [flown.poses[-1].stamp]
-    cage, shown = Commanded(flown), ""
-    for step, end in zip(row.waypoints, ends, strict=True):
-        flight = until(flown, end)
-        states = flight.states[first_at(flight.states, step.at) :]
-        seen = [name for name, _ in groupby(state.state for state in states)]
-        shown = f"{step}: safety/state showed {', '.join(seen) or 'nothing'}"
-        permitted = cage.permits_at(step.at, step)
-        expected = ["VERIFYING", "MOVING", "HOVERING"] if permitted else ["VERIFYING", "HOVERING"]
-        if seen[seen[:1] == ["HOVERING"] :] != expected:
-            return RowVerdict(False, shown)
-        begun, last = pose_at(flight.poses, step.at), flight.poses[-1]
-        drift, away = distance(begun, place_of(last)), distance(last, goal_of(step))
-        if permitted and away > (row.within or flown.params.safety.acceptance_range):
-            return RowVerdict(False, f"{step}: {away:.2f} m away from it at {end:g} s")
-        if not permitted and drift > STILL:
-            why = f"{step}: is not permitted, but the vehicle moved {drift:.2f} m"
-            return RowVerdict(False, why)
-    return RowVerdict(True, shown)
-
-
-def _replies(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    *_, (step, reply, problem) = (o for o in flown.outcomes if isinstance(o.step, CallStep))
-    if problem is not None:
-        return RowVerdict(False, f"{step}: {problem.message}")
-    for name, value in row.reply.items():
-        found = reply.get(name)
-        numbers = not isinstance(value, bool | str) and isinstance(found, int | float)
-        same = abs(found - value) <= row.within if numbers else found == value
-        if not same or isinstance(found, bool) is not isinstance(value, bool):
-            return RowVerdict(False, f"{step}: the reply's {name} is {found!r}, not {value!r}")
-    return RowVerdict(True, f"{step}: {reply}")
-
-
 _JUDGES = {
     "refused": _refused,
     "arrives": _arrives,
@@ -475,8 +439,8 @@ _JUDGES = {
     "parameter_obeyed": _parameter_obeyed,
     "state_seen": _state_seen,
     "prints": lambda row, flown: prints(row, flown.log),
-    "takes_waypoints": _takes_waypoints,
-    "replies": _replies,
+    "takes_waypoints": takes_waypoints,
+    "replies": replies,
 }
 
 

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from quadctl.cli.lab.flown import FlownMission, Outcome
 from quadctl.cli.lab.rubric import (
+    RowVerdict,
     RubricRow,
     WaypointStep,
     drawn,
@@ -17,7 +18,7 @@ from quadctl.cli.lab.rubric import (
     selected,
     visible,
 )
-from quadctl.cli.lab.verdict import RowVerdict, judge
+from quadctl.cli.lab.verdict import judge
 from quadctl.cli.mission.mission import CageStep, Calibrate, CallStep, GotoStep, Row
 from quadctl.schemas.messages import (
     BodyRates,
@@ -466,3 +467,35 @@ def test_a_wrong_range_is_refused(keys: str, error: str):
     rows = f'rows = [{{ at = 3.0, do = "goto", {keys} }}]'
     with pytest.raises(Invalid, match=error):
         read(f'[[row]]\nname = "a"\nexpect = "arrives"\n{rows}')
+
+
+@pytest.mark.parametrize(
+    ("baselines", "output"),
+    [
+        ((1013.0, 1012.88), ""),  # another model of the air, by an offset
+        ((1013.0, 1013.0), "+0.000 hPa since the first baseline, not -0.120"),
+        ((1013.0, 1013.12), "+0.120 hPa since the first baseline, not -0.120"),
+        ((1013.0, 0.0), "baseline 0 hPa, not 1013.01 hPa"),
+    ],
+)
+def test_a_second_baseline_follows_the_height(baselines: tuple[float, float], output: str):
+    poses = [Pose("b", n, n / 10, Position(0, 0, 1 if n < 50 else 2), Velocity(0, 0, 0),
+                  Quaternion(1, 0, 0, 0), BodyRates(0, 0, 0)) for n in range(91)]  # fmt: skip
+    readings = [Pressure(pose.stamp, AIR, 0, 0, 0) for pose in poses]
+    outcomes = [
+        Outcome(Calibrate(at), CalibrateResponse(baseline), None)
+        for at, baseline in zip((3.0, 8.0), baselines, strict=True)
+    ]
+    flown = FlownMission(Params(), outcomes, poses, [], readings)
+    verdict = judge(RubricRow("r", "answers"), flown)
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_readings_without_a_baseline_follow_the_height(follows: bool):
+    climbed = [Pose("b", n, n / 10, Position(0, 0, min(max(n / 10 - 4, 1), 2)), Velocity(0, 0, 0),
+                    Quaternion(1, 0, 0, 0), BodyRates(0, 0, 0)) for n in range(91)]  # fmt: skip
+    readings = [Pressure(p.stamp, 1013.3 - 0.12 * p.position.z * follows, 0, 0, 0) for p in climbed]
+    flown = FlownMission(Params(), [replied(Calibrate(3.0, unset=True))], climbed, [], readings)
+    assert judge(RubricRow("r", "zeroed"), flown).ok is follows

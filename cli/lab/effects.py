@@ -1,0 +1,113 @@
+"""Effects of a node's statements: state that they read and write, and whether they publish. Pure."""
+
+import ast
+from collections.abc import Iterator
+from typing import NamedTuple
+
+_SENDS = {"put", "serve", "listen", "advance_sim_time"}
+"""Methods of the kit that others notice."""
+_CHANGES = {"append", "appendleft", "popleft", "pop", "clear", "extend", "update"}
+"""Methods of a container that change it."""
+
+
+class Touched(NamedTuple):
+    """Names that a statement reads and writes; of these `binds` are local to its function."""
+
+    reads: frozenset[str]
+    writes: frozenset[str]
+    binds: frozenset[str]
+
+
+def name_of(node: ast.AST) -> str:
+    """Return the last name of `a.b`, of `b`, or of the constant key in `a["b"]`; else empty."""
+    match node:
+        case ast.Name(id=name) | ast.Attribute(attr=name):
+            return name
+        case ast.Subscript(slice=ast.Constant(str(name))):
+            return name
+        case ast.Subscript(value=value):
+            return name_of(value)
+    return ""
+
+
+class Effects:
+    """Effects of the statements of one module, those of its own functions that they call included."""
+
+    def __init__(self, tree: ast.Module) -> None:
+        self._functions = {
+            node.name: node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
+        }
+        # A name that a loop or closure keeps from one message to the next is state as an attribute is.
+        self._kept = {
+            name for node in ast.walk(tree) if isinstance(node, ast.Nonlocal) for name in node.names
+        }
+        for loop in ast.walk(tree):
+            if isinstance(loop, (ast.For, ast.While)):
+                inside = [node for node in ast.walk(loop) if isinstance(node, ast.Name)]
+                read = {name.id for name in inside if isinstance(name.ctx, ast.Load)}
+                set_ = {name.id for name in inside if isinstance(name.ctx, ast.Store)}
+                before = {node.id for node in ast.walk(tree) if _is_set_before(node, loop)}
+                self._kept |= read & set_ & before
+
+    def of(self, statement: ast.stmt) -> Touched:
+        """Return the names that a statement touches."""
+        reads, writes = set[str](), set[str]()
+        binds = set[str]()
+        for node in self._reached(statement):
+            name = name_of(node)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                if node.func.attr in _CHANGES:
+                    writes.add(name_of(node.func.value))
+                elif node.func.attr == "put":
+                    writes.add(f"put {name_of(node.func.value)}")
+            elif isinstance(node, (ast.Name, ast.Attribute, ast.Subscript)) and name:
+                if isinstance(node.ctx, ast.Load):
+                    reads.add(name)
+                else:
+                    writes.add(name)
+        for node in ast.walk(statement):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                binds |= {node.id} - self._kept
+        return Touched(frozenset(reads), frozenset(writes), frozenset(binds))
+
+    def is_state(self, target: ast.expr) -> bool:
+        """Return whether a target keeps its value from one message to the next."""
+        if isinstance(target, ast.Name):
+            return target.id in self._kept
+        return isinstance(target, (ast.Attribute, ast.Subscript))
+
+    def changes_state(self, statement: ast.AST) -> bool:
+        """Return whether a statement writes state, also by a function that it calls."""
+        return any(
+            (isinstance(node, (ast.Attribute, ast.Subscript)) and isinstance(node.ctx, ast.Store))
+            or (isinstance(node, ast.Name) and _is_stored(node) and node.id in self._kept)
+            or (isinstance(node, ast.Call) and name_of(node.func) in _CHANGES)
+            for node in self._reached(statement)
+        )
+
+    def publishes(self, statement: ast.AST) -> bool:
+        """Return whether others notice a statement, also by a function that it calls."""
+        return any(
+            isinstance(node, ast.Call) and name_of(node.func) in _SENDS
+            for node in self._reached(statement)
+        )
+
+    def _reached(self, statement: ast.AST) -> Iterator[ast.AST]:
+        """Yield the nodes of a statement and of the functions that it calls."""
+        waiting, seen = [statement], set[str]()
+        while waiting:
+            for node in ast.walk(waiting.pop()):
+                yield node
+                if isinstance(node, ast.Call):
+                    name = name_of(node.func)
+                    if name in self._functions and name not in seen:
+                        seen.add(name)
+                        waiting.append(self._functions[name])
+
+
+def _is_stored(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+
+
+def _is_set_before(node: ast.AST, loop: ast.stmt) -> bool:
+    return isinstance(node, ast.Name) and _is_stored(node) and node.lineno < loop.lineno

@@ -25,6 +25,7 @@ from quadctl.cli.lab.rubric import Rubric, rubric
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
+AFTER_LOSS = "not flown: an earlier row does not hold"
 _LAST = 1.0
 """Seconds for a judge to end after its last result."""
 _END = 10.0
@@ -34,7 +35,8 @@ _END = 10.0
 class GradingJob(Struct, frozen=True):
     """Hand-in to be flown: folder, one for its copies, commands of its nodes, rubric's tables, limits.
 
-    `machine` has the means to shut it in, `group` is its control group or empty.
+    `machine` has the means to shut it in, `group` is its control group or empty. With `first_loss` the
+    first row that does not hold is the last one flown.
     """
 
     folder: str
@@ -44,6 +46,7 @@ class GradingJob(Struct, frozen=True):
     limits: Limits
     machine: Machine
     group: str
+    first_loss: bool
 
 
 def grade(
@@ -54,10 +57,11 @@ def grade(
     jobs: int,
     machine: Machine,
     on_done: Callable[[Grade], None],
+    first_loss: bool = False,
 ) -> list[Grade]:
     """Return the grades, in the order of the hand-ins; call `on_done` with each as it is done.
 
-    A hand-in that cannot be graded, whatever the reason, is reported as that, and the others are graded.
+    With `first_loss` a hand-in is flown up to the first row that does not hold. A hand-in that cannot be graded, whatever the reason, is reported as that, and the others are graded.
     """
     made = rubric(tables, "the rubric")
 
@@ -70,7 +74,8 @@ def grade(
                 ) as own,
                 machine.control_group(limits) as group,
             ):
-                results = _flown(_job(handin, Path(own), tables, limits, machine, group), made)
+                job = _job(handin, Path(own), tables, limits, machine, group, first_loss=first_loss)
+                results = _flown(job, made)
             if any(each.output == NOT_FLOWN for each in results):
                 why = f"it took more than {limits.wall:g} s here; grade it again, with a larger --wall"
         except QuadctlError as problem:
@@ -93,6 +98,8 @@ def _job(
     limits: Limits,
     machine: Machine,
     group: str,
+    *,
+    first_loss: bool,
 ) -> GradingJob:
     """Copy a hand-in to a folder for us alone, and return the job of flying it."""
     copies, root = own / "handin", own / "root"
@@ -104,7 +111,7 @@ def _job(
     except Invalid as problem:
         # The folder is gone when this is read.
         raise Invalid(problem.message.replace(f"{folder}{os.sep}", ""), problem.hint) from problem
-    return GradingJob(str(folder), str(root), nodes, tables, limits, machine, group)
+    return GradingJob(str(folder), str(root), nodes, tables, limits, machine, group, first_loss)
 
 
 def _all(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
@@ -141,6 +148,8 @@ def _flown(job: GradingJob, made: Rubric) -> list[RowResult]:
         errors.seek(0)
         last = errors.read().decode(errors="replace").splitlines()[-1:]
     failed = f"not flown: its judge failed: {last[0]}" if code and last else NOT_FLOWN
+    if job.first_loss and results and not results[-1].ok:
+        failed = AFTER_LOSS
     return _all(made, results, failed)
 
 
@@ -176,6 +185,8 @@ def main() -> None:
         for result in fly(folder, job.nodes, made, until=until, wrap=wrap):
             sys.stdout.buffer.write(msgspec.json.encode(result) + b"\n")
             sys.stdout.buffer.flush()
+            if job.first_loss and not result.ok:
+                break
 
 
 if __name__ == "__main__":

@@ -79,10 +79,9 @@ def mutants(source: str, file: str) -> list[Mutant]:
         raise Invalid(f"{file}: {error}", "mutants are made of a node that runs") from error
     found: list[Mutant] = []
     seen, names = {source}, Counter[str]()
+    nodes = code.nodes()
     for operator in OPERATORS:
-        for node in ast.walk(code.tree):
-            if code.is_idle(node):
-                continue
+        for node in nodes:
             for fault in _FAULTS[operator](code, node):
                 line, old, new, mutated = code.with_fault(fault)
                 if mutated in seen:

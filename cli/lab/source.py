@@ -90,13 +90,12 @@ class Source:
         """Return whether a node is in no function: it only starts the node."""
         return not any(isinstance(outer, ast.FunctionDef) for outer in self._above(node))
 
-    def is_idle(self, node: ast.AST) -> bool:
-        """Return whether nothing depends on a node: noise of a sensor, and words for people."""
-        around = [node, *self._above(node)]
-        return any(
-            isinstance(each, ast.JoinedStr) or is_noise(each) or _calls(each, _LOGS)
-            for each in around
-        )
+    def nodes(self) -> list[ast.AST]:
+        """Return the nodes on which the flight depends: without noise of a sensor, and words for people."""
+        found: list[ast.AST] = [self.tree]
+        for node in found:
+            found += [child for child in ast.iter_child_nodes(node) if not _is_idle(child)]
+        return found
 
     def _above(self, node: ast.AST) -> Iterator[ast.AST]:
         while (outer := self.parents.get(node)) is not None:
@@ -129,13 +128,13 @@ class Source:
 
 
 def on_a_line(text: str) -> str:
-    """Return code on one line, as it is shown."""
-    words = " ".join(text.split())
+    """Return code on one line without comments, as it is shown."""
+    words = " ".join(re.sub(r"\s#.*", "", text).split())
     return words if len(words) <= _LONGEST else f"{words[: _LONGEST - 3]}..."
 
 
 def _rank(node: ast.AST) -> int:
-    """Return how closely an expression binds: 0 for a statement or a list, which needs no parentheses."""
+    """Return how closely an expression binds; 0 for what needs no parentheses inside or around it."""
     match node:
         case ast.IfExp():
             return 1
@@ -145,14 +144,18 @@ def _rank(node: ast.AST) -> int:
             return 3
         case ast.Compare():
             return 4
-        case ast.BinOp():
+        case ast.BinOp(op=ast.Add() | ast.Sub()):
             return 5
-        case ast.UnaryOp():
+        case ast.BinOp(op=ast.Mult() | ast.Div() | ast.FloorDiv() | ast.Mod()):
             return 6
-        case ast.Attribute() | ast.Subscript() | ast.Call():
+        case ast.UnaryOp():
             return 7
-        case ast.expr() if not isinstance(node, (ast.Tuple, ast.List, ast.Dict, ast.Starred)):
+        case ast.BinOp():
             return 8
+        case ast.Attribute() | ast.Subscript() | ast.Call():
+            return 9
+        case ast.Name() | ast.Constant():
+            return 10
     return 0
 
 
@@ -161,6 +164,10 @@ def _lists(parent: ast.AST, node: ast.AST) -> bool:
     return (isinstance(parent, ast.Call) and parent.func is not node) or (
         isinstance(parent, ast.Subscript) and parent.slice is node
     )
+
+
+def _is_idle(node: ast.AST) -> bool:
+    return isinstance(node, ast.JoinedStr) or is_noise(node) or _calls(node, _LOGS)
 
 
 def is_noise(node: ast.AST) -> bool:

@@ -31,6 +31,11 @@ _CRASH = re.compile(r"\w+ (crashed|failed|is blocked|does not stay up)")
 _EVERY = 20
 """Mutants for each line on the progress."""
 Outcome = Literal["lost", "crashed", "passed", "equivalent", "not judged"]
+_TITLES: dict[Outcome, str] = {
+    "passed": "these pass:",
+    "not judged": "these could not be judged:",
+    "equivalent": "equivalent, by the comments in the solutions:",
+}
 
 
 class Solution(Struct, frozen=True):
@@ -62,6 +67,11 @@ class Tried(Struct, frozen=True):
         """Return the name, which is unique among all solutions."""
         return f"{self.solution} {self.mutant.name}"
 
+    @property
+    def why(self) -> str:
+        """Return the output of the row that it lost, or the reason why it is equivalent or not judged."""
+        return self.output or self.mutant.equivalent
+
     def document(self) -> dict[str, Any]:
         """Return the mutant as `--json` prints it."""
         mutant = to_builtins(self.mutant)
@@ -73,7 +83,7 @@ class Tried(Struct, frozen=True):
             **{key: mutant[key] for key in keys},
             "outcome": self.outcome,
             "row": self.row,
-            "output": self.output or self.mutant.equivalent,
+            "output": self.why,
         }
 
 
@@ -118,17 +128,10 @@ class Trial(Struct, frozen=True):
         for operator, found in self._by_operator().items():
             shown = ", ".join(f"{count} {outcome}" for outcome, count in found.items())
             lines.append(f"  {operator:20}{shown}")
-        for outcome, title in (("passed", "pass"), ("not judged", "could not be judged")):
+        for outcome, title in _TITLES.items():
             some = [each for each in self.tried if each.outcome == outcome]
-            lines += ["", f"these {title}:"] if some else []
-            lines += [f"  {each.name} {each.output}" for each in some]
-        if counts["equivalent"]:
-            lines += ["", "equivalent, by their authors:"]
-            lines += [
-                f"  {each.name}: {each.mutant.equivalent}"
-                for each in self.tried
-                if each.outcome == "equivalent"
-            ]
+            lines += ["", title] if some else []
+            lines += [f"  {': '.join(filter(None, (each.name, each.why)))}" for each in some]
         if idle := self._idle():
             lines += ["", "rows that are never the first that a mutant loses:"]
             lines += [f"  {row}" for row in idle]

@@ -195,7 +195,8 @@ def check_rubric(
         list[str] | None, Arg("Right solutions, as hand-ins (default: ours).", "SOLUTION...")
     ] = None,
     only: Annotated[
-        str, Option("Only mutants by this operator, or with this text in their names.")
+        str,
+        Option("Only mutants by this operator, or with this text in their names.", metavar="TEXT"),
     ] = "",
     jobs: Annotated[
         int | None, Option("Flights at a time (default: one for each processor).", min=1)

@@ -34,25 +34,20 @@ class Effects:
     """Effects of the statements of one module, those of its own functions that they call included."""
 
     def __init__(self, tree: ast.Module) -> None:
-        self._functions = {
-            node.name: node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)
-        }
+        self._functions = dict[str, ast.FunctionDef]()
         # A name that a loop or closure keeps from one message to the next is state as an attribute is.
-        self._kept = {
-            name for node in ast.walk(tree) if isinstance(node, ast.Nonlocal) for name in node.names
-        }
-        for loop in ast.walk(tree):
-            if isinstance(loop, (ast.For, ast.While)):
-                inside = [node for node in ast.walk(loop) if isinstance(node, ast.Name)]
-                read = {name.id for name in inside if isinstance(name.ctx, ast.Load)}
-                set_ = {name.id for name in inside if isinstance(name.ctx, ast.Store)}
-                before = {node.id for node in ast.walk(tree) if _is_set_before(node, loop)}
-                self._kept |= read & set_ & before
+        self._kept = set[str]()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef):
+                self._functions[node.name] = node
+            elif isinstance(node, ast.Nonlocal):
+                self._kept |= {*node.names}
+            elif isinstance(node, (ast.For, ast.While)):
+                self._kept |= _kept_by(node, tree)
 
     def of(self, statement: ast.stmt) -> Touched:
         """Return the names that a statement touches."""
         reads, writes = set[str](), set[str]()
-        binds = set[str]()
         for node in self._reached(statement):
             name = name_of(node)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
@@ -61,13 +56,8 @@ class Effects:
                 elif node.func.attr == "put":
                     writes.add(f"put {name_of(node.func.value)}")
             elif isinstance(node, (ast.Name, ast.Attribute, ast.Subscript)) and name:
-                if isinstance(node.ctx, ast.Load):
-                    reads.add(name)
-                else:
-                    writes.add(name)
-        for node in ast.walk(statement):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                binds |= {node.id} - self._kept
+                (writes if _is_stored(node) else reads).add(name)
+        binds = _names(statement, stored=True) - self._kept
         return Touched(frozenset(reads), frozenset(writes), frozenset(binds))
 
     def is_state(self, target: ast.expr) -> bool:
@@ -79,8 +69,7 @@ class Effects:
     def changes_state(self, statement: ast.AST) -> bool:
         """Return whether a statement writes state, also by a function that it calls."""
         return any(
-            (isinstance(node, (ast.Attribute, ast.Subscript)) and isinstance(node.ctx, ast.Store))
-            or (isinstance(node, ast.Name) and _is_stored(node) and node.id in self._kept)
+            (isinstance(node, ast.expr) and _is_stored(node) and self.is_state(node))
             or (isinstance(node, ast.Call) and name_of(node.func) in _CHANGES)
             for node in self._reached(statement)
         )
@@ -105,9 +94,24 @@ class Effects:
                         waiting.append(self._functions[name])
 
 
+def _kept_by(loop: ast.stmt, tree: ast.Module) -> set[str]:
+    """Return the names that are set before a loop, and read and set in it."""
+    before = {
+        node.id
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Name) and _is_stored(node) and node.lineno < loop.lineno
+    }
+    return before & _names(loop, stored=True) & _names(loop, stored=False)
+
+
+def _names(statement: ast.AST, *, stored: bool) -> set[str]:
+    """Return the names in a statement that it sets, or else reads."""
+    return {
+        node.id
+        for node in ast.walk(statement)
+        if isinstance(node, ast.Name) and _is_stored(node) is stored
+    }
+
+
 def _is_stored(node: ast.AST) -> bool:
-    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-
-
-def _is_set_before(node: ast.AST, loop: ast.stmt) -> bool:
-    return isinstance(node, ast.Name) and _is_stored(node) and node.lineno < loop.lineno
+    return isinstance(getattr(node, "ctx", None), ast.Store)

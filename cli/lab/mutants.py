@@ -6,18 +6,17 @@ line as equivalent: right as well, though they differ.
 
 import ast
 import inspect
-import io
 import re
 import tokenize
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Literal, get_args
 
 import msgspec
 from msgspec import Struct
 
-from quadctl.cli.lab.effects import Touched, name_of
+from quadctl.cli.lab.effects import name_of
 from quadctl.cli.lab.source import Fault, Source, is_noise, on_a_line
 from quadctl.schemas import messages, services
 from quadctl.services.runtime.errors import Invalid
@@ -102,7 +101,7 @@ def _reasons(source: str, file: str) -> dict[tuple[int, str], str]:
     waiting: list[tuple[str, str]] = []
     skipped = {tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
     last = 0
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+    for token in tokenize.generate_tokens(iter(source.splitlines(keepends=True)).__next__):
         if token.type == tokenize.COMMENT:
             if not (comment := _EQUIVALENT.match(token.string)):
                 continue
@@ -218,56 +217,42 @@ def _is_option(code: Source, node: ast.AST) -> bool:
 
 
 def _order(code: Source, node: ast.AST) -> Iterator[Fault]:
-    for body, depends in _bodies(code, node):
-        for number in range(len(body) - 1):
-            if depends[number](number + 1):
-                yield _moved(code, body, number, number + 1)
+    for body in _bodies(node):
+        for pair in pairwise(body):
+            if _matters(code, *pair):
+                yield _moved(code, pair)
 
 
 def _late(code: Source, node: ast.AST) -> Iterator[Fault]:
     if _is_range(node):
         yield _scaled(code, node, 0.5)
-    for body, depends in _bodies(code, node):
-        last = len(body) - 1 - isinstance(body[-1], ast.Return)
-        for number in range(last):
-            simple = isinstance(body[number], (ast.Assign, ast.AugAssign, ast.Expr))
-            if simple and any(depends[number](other) for other in range(number + 1, last + 1)):
-                yield _moved(code, body, number, last)
+    for body in _bodies(node):
+        end = len(body) - isinstance(body[-1], ast.Return)
+        for number, first in enumerate(body[:end]):
+            simple = isinstance(first, (ast.Assign, ast.AugAssign, ast.Expr))
+            if simple and any(_matters(code, first, each) for each in body[number + 1 : end]):
+                yield _moved(code, body[number:end])
 
 
-def _bodies(
-    code: Source, node: ast.AST
-) -> Iterator[tuple[list[ast.stmt], list[Callable[[int], bool]]]]:
-    """Yield each list of statements in which the order may matter, and for each whether it does after another."""
-    for field in ("body", "orelse"):
-        body = getattr(node, field, None)
-        if (
-            not isinstance(body, list)
-            or len(body) < 2
-            or isinstance(node, (ast.Module, ast.ClassDef))
-        ):
-            continue
-        touched = [code.effects.of(statement) for statement in body]
-
-        def depend(first: int, second: int, body: Any = body, touched: Any = touched) -> bool:
-            fixed = isinstance(body[second], ast.Return) or code.is_set_up(body[first])
-            return not fixed and _matters(touched[first], touched[second])
-
-        yield body, [lambda other, n=n, depend=depend: depend(n, other) for n in range(len(body))]  # type: ignore[misc]
+def _bodies(node: ast.AST) -> Iterator[list[ast.stmt]]:
+    """Yield the lists of statements of a function, a loop or an `if`."""
+    if not isinstance(node, (ast.Module, ast.ClassDef)):
+        for field in ("body", "orelse"):
+            if isinstance(body := getattr(node, field, None), list) and body:
+                yield body
 
 
-def _matters(first: Touched, second: Touched) -> bool:
-    """Return whether the order of two statements matters; false if one would lack a local name."""
-    if first.binds & second.reads:
+def _matters(code: Source, first: ast.stmt, second: ast.stmt) -> bool:
+    """Return whether the order of two statements matters; false if the second could not run first."""
+    if isinstance(second, ast.Return) or code.is_set_up(first):
         return False
-    return bool(
-        first.writes & second.reads or first.reads & second.writes or first.writes & second.writes
-    )
+    one, other = code.effects.of(first), code.effects.of(second)
+    touched = one.writes & (other.reads | other.writes) or one.reads & other.writes
+    return bool(touched) and not one.binds & other.reads
 
 
-def _moved(code: Source, body: list[ast.stmt], number: int, last: int) -> Fault:
-    """Return the fault of a statement that comes after the `last` of those that follow it."""
-    parts = body[number : last + 1]
+def _moved(code: Source, parts: Sequence[ast.stmt]) -> Fault:
+    """Return the fault of a statement that comes after those that follow it."""
     gaps = [code.between(one, other) for one, other in pairwise(parts)]
     moved, *texts = [code.text(part, part) for part in parts]
     text = "".join(each + gap for each, gap in zip(texts, gaps, strict=True)) + moved

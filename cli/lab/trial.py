@@ -11,6 +11,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -308,14 +309,16 @@ def fly(
     folders = {each.name: each.folder for each in right if grades[each.name].ok}
     tried = [each for each in planned if each.solution in folders]
     waiting = [each for each in tried if each.outcome != "equivalent"]
-    done = Counter[bool]()
+    # Each thread has a number of its own.
+    passed, numbers = list[str](), count(1)
 
     def on_done(grade: Grade) -> None:
-        done[grade.ok] += 1
         if grade.ok:
+            passed.append(grade.submission)
             note(f"passes: {grade.submission}")
-        if done.total() % _EVERY == 0 or done.total() == len(waiting):
-            note(f"{done.total()} of {len(waiting)} mutants flown, {done[False]} have lost a row")
+        number = next(numbers)
+        if number % _EVERY == 0 or number == len(waiting):
+            note(f"{number} of {len(waiting)} mutants flown, {len(passed)} pass")
 
     with tempfile.TemporaryDirectory(prefix="quadctl-lab-") as made:
         written = [

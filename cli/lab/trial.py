@@ -15,7 +15,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from msgspec import Struct, structs, to_builtins
+from msgspec import Struct, structs
 
 from quadctl.cli.lab import grading
 from quadctl.cli.lab.formats import Grade
@@ -75,13 +75,14 @@ class Tried(Struct, frozen=True):
 
     def document(self) -> dict[str, Any]:
         """Return the mutant as `--json` prints it."""
-        mutant = to_builtins(self.mutant)
-        keys = ("operator", "line", "old", "new")
         return {
             "name": self.name,
             "solution": self.solution,
             "file": self.file,
-            **{key: mutant[key] for key in keys},
+            "line": self.mutant.line,
+            "operator": self.mutant.operator,
+            "old": self.mutant.old,
+            "new": self.mutant.new,
             "outcome": self.outcome,
             "row": self.row,
             "output": self.why,

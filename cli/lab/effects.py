@@ -40,23 +40,23 @@ class Effects:
         for node in ast.walk(tree):
             if isinstance(node, ast.FunctionDef):
                 self._functions[node.name] = node
+                self._kept |= _kept_in(node)
             elif isinstance(node, ast.Nonlocal):
                 self._kept |= {*node.names}
-            elif isinstance(node, (ast.For, ast.While)):
-                self._kept |= _kept_by(node, tree)
 
     def of(self, statement: ast.stmt) -> Touched:
         """Return the names that a statement touches."""
         reads, writes = set[str](), set[str]()
+        own = {*ast.walk(statement)}
         for node in self._reached(statement):
-            name = name_of(node)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 if node.func.attr in _CHANGES:
-                    writes.add(name_of(node.func.value))
+                    writes.add(_key(node.func.value))
                 elif node.func.attr == "put":
-                    writes.add(f"put {name_of(node.func.value)}")
-            elif isinstance(node, (ast.Name, ast.Attribute, ast.Subscript)) and name:
-                (writes if _is_stored(node) else reads).add(name)
+                    writes.add(f"put {_key(node.func.value)}")
+            # A local name of another function is none of ours.
+            elif key := _key(node) if node in own or not _is_local(node, self._kept) else "":
+                (writes if _is_stored(node) else reads).add(key)
         binds = _names(statement, stored=True) - self._kept
         return Touched(frozenset(reads), frozenset(writes), frozenset(binds))
 
@@ -94,14 +94,45 @@ class Effects:
                         waiting.append(self._functions[name])
 
 
-def _kept_by(loop: ast.stmt, tree: ast.Module) -> set[str]:
-    """Return the names that are set before a loop, and read and set in it."""
-    before = {
-        node.id
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Name) and _is_stored(node) and node.lineno < loop.lineno
-    }
-    return before & _names(loop, stored=True) & _names(loop, stored=False)
+def _key(node: ast.AST) -> str:
+    """Return what tells a name from an attribute and from a key; empty for anything else."""
+    match node:
+        case ast.Name(id=name):
+            return name
+        case ast.Attribute(attr=name):
+            return f".{name}"
+        case ast.Subscript(slice=ast.Constant(str(name))):
+            return f"[{name}]"
+        case ast.Subscript(value=value):
+            return _key(value)
+    return ""
+
+
+def _is_local(node: ast.AST, kept: set[str]) -> bool:
+    return isinstance(node, ast.Name) and node.id not in kept
+
+
+def _kept_in(function: ast.FunctionDef) -> set[str]:
+    """Return the names that a function sets before a loop, and reads and sets in it."""
+    kept, own = set[str](), [*_without_inner(function)]
+    for loop in own:
+        if isinstance(loop, (ast.For, ast.While)):
+            before = {
+                node.id
+                for node in own
+                if isinstance(node, ast.Name) and _is_stored(node) and node.lineno < loop.lineno
+            }
+            kept |= before & _names(loop, stored=True) & _names(loop, stored=False)
+    return kept
+
+
+def _without_inner(function: ast.FunctionDef) -> Iterator[ast.AST]:
+    """Yield the nodes of a function, without those of functions in it."""
+    waiting: list[ast.AST] = [*function.body]
+    while waiting:
+        yield (node := waiting.pop())
+        if not isinstance(node, ast.FunctionDef):
+            waiting += ast.iter_child_nodes(node)
 
 
 def _names(statement: ast.AST, *, stored: bool) -> set[str]:

@@ -317,7 +317,7 @@ def _times(factor: float, value: ast.expr) -> ast.expr:
 def _twice(code: Source, node: ast.AST) -> Iterator[Fault]:
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub):
         yield code.in_place_of(node, ast.BinOp(node, ast.Sub(), node.right))
-    elif isinstance(node, ast.AugAssign) or (
+    elif (isinstance(node, ast.AugAssign) and isinstance(node.op, (ast.Add, ast.Sub))) or (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Call)
         and name_of(node.value.func) in {"put", "append"}

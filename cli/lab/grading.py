@@ -25,7 +25,7 @@ from quadctl.cli.lab.rubric import Rubric, rubric
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
-AFTER_LOSS = "not flown: an earlier row does not hold"
+AFTER_LOSS = "not flown: another row does not hold"
 _LAST = 1.0
 """Seconds for a judge to end after its last result."""
 _END = 10.0

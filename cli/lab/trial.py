@@ -128,7 +128,7 @@ class Trial(Struct, frozen=True):
         lines = [line for grade in self.right for line in _about(grade)]
         lines += ["", f"{len(self.tried)} mutants: {counted}"]
         for operator, found in self._by_operator().items():
-            shown = ", ".join(f"{count} {outcome}" for outcome, count in found.items())
+            shown = ", ".join(f"{number} {outcome}" for outcome, number in found.items())
             lines.append(f"  {operator:20}{shown}")
         for outcome, title in _TITLES.items():
             some = [each for each in self.tried if each.outcome == outcome]
@@ -349,7 +349,7 @@ def _judged(tried: Tried, grade: Grade) -> Tried:
     if grade.problem:
         return structs.replace(tried, output=grade.problem)
     for test in grade.tests:
-        if not test.ok:
+        if not test.ok and test.output != grading.AFTER_LOSS:
             outcome: Outcome = "crashed" if _CRASH.match(test.output) else "lost"
             return structs.replace(tried, outcome=outcome, row=_label(test), output=test.output)
     return structs.replace(tried, outcome="passed")

@@ -106,9 +106,15 @@ def tried(
         text = "".join(
             Path(job.folder, name).read_text("utf-8") for name in FILES if name.endswith(".py")
         )
+        # As if the last row were flown first.
+        outputs = [*["safety crashed: x"] * len(made.rows)]
+        if job.first_loss:
+            outputs[:-1] = [grading.AFTER_LOSS] * (len(made.rows) - 1)
         ok = holds(text)
-        points = float(ok)
-        return [RowResult(row.name, row.number, ok, points, 1, "safety crashed: x", True) for row in made.rows]  # fmt: skip
+        return [
+            RowResult(row.name, row.number, ok, float(ok), 1, output, True)
+            for row, output in zip(made.rows, outputs, strict=True)
+        ]
 
     monkeypatch.setattr(grading, "_flown", flown)
     notes: list[str] = []

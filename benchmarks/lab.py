@@ -11,10 +11,11 @@ from benchmarks.children import Failed
 from benchmarks.effort import Effort
 from benchmarks.results import Results
 from benchmarks.system import QUADCTL, home
+from quadctl.cli.lab import trial
 
 _LONGEST = 600.0
-_HAND_INS = Path(__file__).parents[1] / "tests" / "lab" / "handins"
-"""Sources of hand-ins; one that holds in every row flies longest."""
+_SOLUTION = Path(trial.__file__).parent / "solutions" / "completed"
+"""Hand-in that holds in every row, so that it flies longest."""
 
 
 def measure_class(results: Results, effort: Effort) -> None:
@@ -38,11 +39,8 @@ def measure_class(results: Results, effort: Effort) -> None:
 
 def _write(folder: Path) -> None:
     folder.mkdir()
-    lines = ["[processes]"]
-    for name in ("safety", "pressure"):
-        shutil.copy(_HAND_INS / f"completed_{name}.py", folder)
-        lines.append(f'{name} = "python completed_{name}.py"')
-    (folder / "quad.toml").write_text("\n".join(lines), encoding="utf-8")
+    for file in _SOLUTION.iterdir():
+        shutil.copy(file, folder / file.name.removesuffix(".txt"))
 
 
 def measure_import(results: Results, effort: Effort) -> None:

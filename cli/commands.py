@@ -17,6 +17,7 @@ COMMANDS = {
     "lab new": "quadctl.cli.lab.lab:new",
     "lab check": "quadctl.cli.lab.lab:check",
     "lab grade": "quadctl.cli.lab.lab:grade",
+    "lab rubric check": "quadctl.cli.lab.lab:check_rubric",
     "doctor": "quadctl.cli.doctor.doctor:doctor",
     "graph": "quadctl.cli.graph:graph",
     "console": "quadctl.cli.console.console:console",
@@ -86,6 +87,7 @@ COMMANDS = {
 
 GROUPS = {
     "lab": "Your own nodes, checked and graded.",
+    "lab rubric": "Rubrics, checked before they grade.",
     "cage": "The virtual cage.",
     "zone": "Zones that the vehicle must not enter, or not leave.",
     "fleet": "Several vehicles, on one hub or on several machines.",
@@ -113,7 +115,7 @@ def command(path: str) -> Command:
 
 def split(words: list[str]) -> tuple[str, list[str]]:
     """Return the command that a line begins with, empty if none, and the words after it."""
-    for count in (1, 2):
+    for count in (1, 2, 3):
         path = " ".join(words[:count])
         if path in COMMANDS and len(words) >= count:
             return path, words[count:]

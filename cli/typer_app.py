@@ -90,16 +90,21 @@ def build(first: str = "") -> typer.Typer:
     )
     app.callback(invoke_without_command=True)(_version)
     known = {path.partition(" ")[0] for path in commands.COMMANDS}
-    groups: dict[str, typer.Typer] = {}
+    groups = {"": app}
     for path in commands.COMMANDS:
         group, _, name = path.rpartition(" ")
-        if first in known and first != path.partition(" ")[0]:
-            continue
-        if group and group not in groups:
-            groups[group] = typer.Typer(help=commands.GROUPS[group])
-            app.add_typer(groups[group], name=group, cls=_Group, no_args_is_help=True)
-        _add(groups.get(group, app), name, path)
+        if first not in known or first == path.partition(" ")[0]:
+            _add(_group(groups, group), name, path)
     return app
+
+
+def _group(groups: dict[str, typer.Typer], path: str) -> typer.Typer:
+    """Return the app of a group, made with those around it if it is new."""
+    if path not in groups:
+        outer, _, name = path.rpartition(" ")
+        groups[path] = typer.Typer(help=commands.GROUPS[path])
+        _group(groups, outer).add_typer(groups[path], name=name, cls=_Group, no_args_is_help=True)
+    return groups[path]
 
 
 def _add(app: typer.Typer, name: str, path: str) -> None:

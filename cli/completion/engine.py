@@ -170,13 +170,15 @@ def _fitting(before: list[str], begun: str, *, explain: bool) -> Iterable[Found]
 
 
 def _commands(group: str, *, explain: bool) -> Iterator[Found]:
-    if not group:
-        yield from (Found(name, about) for name, about in commands.GROUPS.items())
+    for path, about in commands.GROUPS.items():
+        outer, _, name = path.rpartition(" ")
+        if outer == group:
+            yield Found(name, about)
     for path in commands.COMMANDS:
         parent, _, name = path.rpartition(" ")
         if parent == group and path not in commands.ALIASES:
-            about = commands.command(path).__doc__ if explain else ""
-            yield Found(name, (about or "").partition("\n")[0])
+            text = (explain and commands.command(path).__doc__) or ""
+            yield Found(name, text.partition("\n")[0])
 
 
 def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) -> Iterable[Found]:

@@ -27,6 +27,7 @@ from quadctl.cli.temporary_run import leaving
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
+AFTER_LOSS = "not flown: another row does not hold"
 _LAST = 1.0
 """Seconds for a judge to end after its last result."""
 _END = 10.0
@@ -37,7 +38,7 @@ class GradingJob(Struct, frozen=True):
     """Hand-in to be flown: folder, one for its copies, commands of its nodes, rubric's tables, limits.
 
     `machine` has the means to shut it in, `group` is its control group or empty. `evidence` is a
-    folder for logs and a recording, or empty.
+    folder for logs and a recording, or empty. With `first_loss` the first row that does not hold is the last one flown.
     """
 
     folder: str
@@ -47,7 +48,8 @@ class GradingJob(Struct, frozen=True):
     limits: Limits
     machine: Machine
     group: str
-    evidence: str
+    evidence: str = ""
+    first_loss: bool = False
 
 
 class _Judges:
@@ -86,12 +88,14 @@ def grade(
     on_done: Callable[[Grade], None],
     on_row: Callable[[RowResult], None] = lambda _result: None,
     keep: Callable[[HandIn, Path], None] | None = None,
+    first_loss: bool = False,
 ) -> list[Grade]:
     """Return the grades, in the order of the hand-ins; call `on_done` with each as it is done.
 
     A hand-in that cannot be graded, whatever the reason, is reported as that, and the others are graded. `on_row`
     is called with each result, in this thread as `on_done` is; `keep` in the thread of a hand-in, with the folder of
-    its logs and its recording, before that goes.
+    its logs and its recording, before that goes. With `first_loss` a hand-in is flown up to the first row that does
+    not hold.
     """
     made, judges = rubric(tables, "the rubric"), _Judges()
     events: SimpleQueue[RowResult | Future[Grade]] = SimpleQueue()
@@ -109,7 +113,7 @@ def grade(
                 if keep:
                     evidence.mkdir(mode=0o700)
                 job = _job(handin, Path(own), tables, limits, machine, group)
-                job = replace(job, evidence=str(evidence) if keep else "")
+                job = replace(job, evidence=str(evidence) if keep else "", first_loss=first_loss)
                 results = _flown(job, made, judges, events.put)
                 if keep:
                     keep(handin, evidence)
@@ -162,7 +166,7 @@ def _job(
     except Invalid as problem:
         # The folder is gone when this is read.
         raise Invalid(problem.message.replace(f"{folder}{os.sep}", ""), problem.hint) from problem
-    return GradingJob(str(folder), str(root), nodes, tables, limits, machine, group, "")
+    return GradingJob(str(folder), str(root), nodes, tables, limits, machine, group)
 
 
 def _all(made: Rubric, results: list[RowResult], why: str) -> list[RowResult]:
@@ -201,6 +205,8 @@ def _flown(
         errors.seek(0)
         last = errors.read().decode(errors="replace").splitlines()[-1:]
     failed = f"not flown: its judge failed: {last[0]}" if code and last else NOT_FLOWN
+    if job.first_loss and results and not results[-1].ok:
+        failed = AFTER_LOSS
     return _all(made, results, failed)
 
 
@@ -237,6 +243,8 @@ def main() -> None:
         for result in fly(folder, job.nodes, made, until=until, wrap=wrap, evidence=evidence):
             sys.stdout.buffer.write(msgspec.json.encode(result) + b"\n")
             sys.stdout.buffer.flush()
+            if job.first_loss and not result.ok:
+                break
 
 
 if __name__ == "__main__":

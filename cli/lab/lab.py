@@ -1,4 +1,4 @@
-"""`lab new`, `lab check` and `lab grade`."""
+"""`lab new`, `lab check`, `lab grade` and `lab rubric check`."""
 
 import os
 import secrets
@@ -260,6 +260,53 @@ def _means(*, trust: bool) -> "Machine":
             )
         output.note(cannot)
     return means
+
+
+def check_rubric(
+    options: Options,
+    rubric: Annotated[
+        Path | None, Arg("Rubric, TOML (default: the built-in one).", "RUBRIC")
+    ] = None,
+    solutions: Annotated[
+        list[str] | None, Arg("Right solutions, as hand-ins (default: ours).", "SOLUTION...")
+    ] = None,
+    only: Annotated[
+        str,
+        Option("Only mutants by this operator, or with this text in their names.", metavar="TEXT"),
+    ] = "",
+    jobs: Annotated[
+        int | None, Option("Flights at a time (default: one for each processor).", min=1)
+    ] = None,
+    trust: Annotated[
+        bool, Option("Fly also where this machine cannot shut hand-ins in completely.")
+    ] = False,
+) -> None:
+    """Check a rubric: right solutions have full marks, and each mutant of them loses a row.
+
+    A mutant is a right solution with one fault. Exits with 8 if a mutant passes, or a right solution
+    loses a row.
+
+    Example: quadctl lab rubric check rubric.toml
+    """
+    require_local(options, "lab rubric check")
+    from quadctl.cli.lab import trial
+    from quadctl.cli.lab.handin import HandIn
+
+    tables = _tables(rubric) if rubric else _with_hidden(read(_VISIBLE, _NEEDS))
+    for path in map(Path, solutions or ()):
+        if not path.exists():
+            raise Invalid(
+                f"there is no solution {path}", "give folders or archives, as for grading"
+            )
+    handins = [HandIn(path, Path(path)) for path in solutions or ()]
+    with trial.right_solutions(handins) as right:
+        planned = trial.plan(right, tables, only)
+        means = _means(trust=trust)
+        _compile_vehicle()
+        flights = trial.Flights(tables, means, jobs or os.cpu_count() or 1)
+        done = trial.fly(right, planned, flights, output.note)
+    output.either(options, done.document(), done.text())
+    output.end(ok=done.ok)
 
 
 def _compile_vehicle() -> None:

@@ -430,7 +430,7 @@ def test_a_handler_that_blocks_is_named_and_waited_for_twice(lab: Lab):
     )
     found = graded(lab, handin, "--rubric", lab.file(rows, "own.toml"))["completed"]
     firsts = [output.splitlines()[0] for output in found.values()]
-    named = "safety is blocked: on_goto (my_safety.py, line 42) has not returned for 2 s"
+    named = "safety is blocked: on_goto (my_safety.py, line 43) has not returned for 2 s"
     assert all(named in first for first in firsts), firsts
     assert [first.startswith("not flown") for first in firsts] == [False, False, True, True]
 

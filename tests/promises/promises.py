@@ -449,6 +449,10 @@ a grade that depends on the load of the machine, or on luck
   - lab/lab: the_rubric_tells_the_mistakes_apart_in_20_runs_of_20
   = Right hand-ins
   = The rubric tells
+a rubric with a hole
+  each single fault of a right solution loses a row, but for those that are listed as right as well
+  - lab/trial: a_mutant_that_no_row_is_about_passes_and_is_named each_mutant_of_our_solutions_loses_a_row
+  = Mutants of right solutions
 a hand-in that cheats
   gains no point, and disturbs no other hand-in; it sees neither rubric nor solution
   - lab/lab: a_hand_in_sees_neither_rubric_nor_solution no_cheat_gains_a_point_or_disturbs_the_next

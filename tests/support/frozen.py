@@ -128,6 +128,7 @@ ELSEWHERE = {
     "lab new": "it writes files",
     "lab check": "it runs in its own realm, and calls no node of this one",
     "lab grade": "it runs each hand-in in a realm of its own",
+    "lab rubric check": "it runs each mutant in a realm of its own",
     "autopilot": "it runs in the place of a node; tests/mavlink freezes it",
     "bridge foxglove": "it runs until Ctrl-C; tests/foxglove freezes it",
     "bridge mavlink": "it runs until Ctrl-C; tests/mavlink freezes it",

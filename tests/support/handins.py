@@ -13,6 +13,7 @@ from typing import NamedTuple
 from quadctl.cli.lab import grading
 
 SOURCES = Path(__file__).parents[1] / "lab" / "handins"
+SOLUTIONS = Path(grading.__file__).parent / "solutions"
 
 GOOD = ("completed", "functions", "table")
 """Three that hold in every row, written differently."""
@@ -99,27 +100,31 @@ def write(name: str, folder: Path) -> Path:
     """Write a hand-in by its name to a new folder, and return the folder."""
     target = folder / name
     target.mkdir()
-    safety, pressure = "python my_safety.py", "python my_pressure.py"
-    sources = {"my_safety.py": "completed_safety.py", "my_pressure.py": "completed_pressure.py"}
-    if name == "functions":
-        safety, pressure = "python nodes.py safety", "python nodes.py pressure"
-        sources = {"nodes.py": "functions.py"}
+    texts = _texts(SOLUTIONS / (name if (SOLUTIONS / name).exists() else "completed"))
+    safety = "python my_safety.py"
+    if (style := SOURCES / "styles" / name).exists():
+        texts |= _texts(style)
     elif name == "table":
-        sources["my_safety.py"] = "table.py"
-    elif name in STYLES:
-        sources = {file: f"styles/{name}/{file}" for file in sources}
+        texts["my_safety.py"] = (SOURCES / "table.py").read_text("utf-8")
     elif name in CHEATS:
         safety = f"python cheat.py {name}"
-        sources = {"cheat.py": "cheat.py", "my_pressure.py": "completed_pressure.py"}
-    texts = {own: (SOURCES / source).read_text("utf-8") for own, source in sources.items()}
+        texts |= {"cheat.py": (SOURCES / "cheat.py").read_text("utf-8")}
+        del texts["my_safety.py"]
     if mistake := MISTAKES.get(name):
         file = f"my_{mistake.node}.py"
         assert mistake.old in texts[file], f"{name}: the completed hand-in has changed"
         texts[file] = texts[file].replace(mistake.old, mistake.new)
-    texts["quad.toml"] = f'[processes]\nsafety = "{safety}"\npressure = "{pressure}"\n'
+    texts.setdefault(
+        "quad.toml", f'[processes]\nsafety = "{safety}"\npressure = "python my_pressure.py"\n'
+    )
     for own, text in texts.items():
         (target / own).write_text(text, "utf-8")
     return target
+
+
+def _texts(folder: Path) -> dict[str, str]:
+    """Return the texts of a folder's files; those of the package have .txt after their names."""
+    return {file.name.removesuffix(".txt"): file.read_text("utf-8") for file in folder.iterdir()}
 
 
 def promised() -> dict[str, float]:

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from quadctl.cli.lab.extra import prints
 from quadctl.cli.lab.flown import FlownMission, Outcome, Witness
 from quadctl.cli.lab.rubric import RowVerdict, Rubric, RubricRow
-from quadctl.cli.lab.verdict import judge, random_flight
+from quadctl.cli.lab.verdict import TIME_TO_ARRIVE, judge, random_flight
 from quadctl.cli.mission.fly import MissionFlight
 from quadctl.cli.mission.mission import CageStep, CallStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run
@@ -448,7 +448,8 @@ def _random(seed: int, params: Params, seconds: float) -> MissionFile:
             abs(value) <= FAR for value in (event.x, event.y, event.z)
         ):
             rows.append(GotoStep(at, event.x, event.y, event.z))
-    return MissionFile(rows, seconds + _TAKEOFF)
+    # The last goal, too, has time to be reached.
+    return MissionFile(rows, seconds + _TAKEOFF + TIME_TO_ARRIVE)
 
 
 _TAKEOFF = 3.0

@@ -52,7 +52,7 @@ _ZERO = 0.01
 """hPa by which a zeroed reading may differ from the change of the air's pressure since."""
 _MODEL = 0.1
 """Share by which the change of a barometer's model with the height may differ from ours."""
-_TIME_TO_ARRIVE = 10.0
+TIME_TO_ARRIVE = 10.0
 """Simulated seconds after which a random flight's last goal must be reached."""
 
 
@@ -419,7 +419,7 @@ def random_flight(flown: FlownMission) -> RowVerdict:
     if worst > flown.params.safety.margin:
         return RowVerdict(False, f"the vehicle was {worst:.2f} m beyond the cage at {at:.2f} s")
     last = flown.poses[-1]
-    if place is not None and last.stamp > since + _TIME_TO_ARRIVE:
+    if place is not None and last.stamp >= since + TIME_TO_ARRIVE:
         away = distance(last, place)
         if away > flown.params.safety.acceptance_range:
             goal = " ".join(f"{x:g}" for x in place)
@@ -451,10 +451,10 @@ def _refusal(outcome: Outcome) -> str:
 def _rests(flown: FlownMission, place: tuple[float, float, float] | None, since: float) -> float:
     """Return when (s) the vehicle was there after it had set out, or had stopped if there is no place.
 
-    It counts as there after _TIME_TO_ARRIVE: a vehicle that never rests is not busy for ever.
+    It counts as there after TIME_TO_ARRIVE: a vehicle that never rests is not busy for ever.
     """
     reach = flown.params.safety.acceptance_range
     for pose in flown.poses[first_at(flown.poses, since) :]:
         if speed(pose) < AT_REST if place is None else distance(pose, place) < reach:
             return pose.stamp
-    return since + _TIME_TO_ARRIVE
+    return since + TIME_TO_ARRIVE

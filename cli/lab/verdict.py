@@ -4,6 +4,7 @@ The true poses count, and the parameters of the launch; what a node reports of i
 where its report is the question.
 """
 
+from bisect import bisect_left
 from itertools import pairwise
 from math import dist, inf
 
@@ -28,7 +29,7 @@ from quadctl.cli.lab.flown import (
 )
 from quadctl.cli.lab.rubric import RowVerdict, RubricRow
 from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep
-from quadctl.schemas.messages import SafetyState
+from quadctl.schemas.messages import Pressure, SafetyState
 from quadctl.schemas.services import (
     CalibrateResponse,
     GotoResponse,
@@ -309,6 +310,8 @@ def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:
         air = 0.0 if step.unset else pressure_at(pose_at(flown.poses, step.at).position.z)
         if abs(reply.baseline - air) > (row.within or _AIR):
             return f"{step}: baseline {reply.baseline:g} hPa, not {air:.2f} hPa"
+        if step.unset and reply.baseline:
+            return f"{step}: baseline {reply.baseline:g} hPa, not 0"
         if step.unset or not _has_read(flown, step.at):
             continue
         first = first or (air, reply.baseline)
@@ -323,6 +326,10 @@ def _has_read(flown: FlownMission, at: float) -> bool:
     return any(reading.stamp < at for reading in flown.readings)
 
 
+def _stamp(message: Pressure) -> float:
+    return message.stamp
+
+
 def _is_off(found: float, expected: float, base: float) -> bool:
     """Return whether a change (hPa) is not the expected one; the vehicle sways while a mean is taken."""
     return abs(found - expected) > base + _MODEL * abs(expected)
@@ -332,26 +339,28 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
     steps = [o.step for o in flown.outcomes if isinstance(o.step, Calibrate)]
     # A reading of the time of the next calibration may be from before it, or from after it.
     ends = [step.at - 1e-6 for step in steps[1:]] + [flown.poses[-1].stamp]
-    shown = offset = 0.0
+    shown, offset = 0.0, None
+
+    def air(at: float) -> float:
+        return pressure_at(pose_at(flown.poses, at).position.z)
+
+    # Models of the air differ by an offset, which the last reading without a baseline has.
+    for reading in flown.readings[: bisect_left(flown.readings, steps[0].at, key=_stamp)][-1:]:
+        offset = reading.pressure - air(reading.stamp)
     for step, end in zip(steps, ends, strict=True):
         # The reading of the calibration's own period may have been on its way.
         after = [reading for reading in flown.readings if step.at + 0.1 < reading.stamp <= end]
         if not after and step is steps[-1]:
             return RowVerdict(False, f"sensors/pressure shows no reading after `{step}`")
-        zero = pressure_at(pose_at(flown.poses, step.at).position.z)
-        for number, reading in enumerate(after):
-            shown = reading.pressure
-            expected = air = pressure_at(pose_at(flown.poses, reading.stamp).position.z)
-            if step.unset and not number:
-                # Models of the air differ: the first reading has the difference to ours.
-                wrong, offset = abs(shown - air) > _AIR, shown - air
-            elif step.unset:
-                wrong = _is_off(shown - offset - zero, air - zero, _ZERO)
-                expected = air + offset
+        for reading in after:
+            shown, change = reading.pressure, air(reading.stamp) - air(step.at)
+            if not step.unset:
+                expected, base = change, row.within or _ZERO
             else:
-                expected = air - zero
-                wrong = _is_off(shown, expected, row.within or _ZERO)
-            if wrong:
+                offset = shown - air(reading.stamp) if offset is None else offset
+                expected, base = air(reading.stamp) + offset, _ZERO
+            off = abs(shown - expected) > base + _MODEL * abs(change)
+            if off or abs(offset or 0.0) > _AIR:
                 return RowVerdict(
                     False,
                     f"sensors/pressure shows {shown:g} hPa {reading.stamp - step.at:.1f} s after"

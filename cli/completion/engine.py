@@ -170,10 +170,10 @@ def _fitting(before: list[str], begun: str, *, explain: bool) -> Iterable[Found]
 
 
 def _commands(group: str, *, explain: bool) -> Iterator[Found]:
-    for path, about in commands.GROUPS.items():
+    for path, meaning in commands.GROUPS.items():
         outer, _, name = path.rpartition(" ")
         if outer == group:
-            yield Found(name, about)
+            yield Found(name, meaning)
     for path in commands.COMMANDS:
         parent, _, name = path.rpartition(" ")
         if parent == group and path not in commands.ALIASES:

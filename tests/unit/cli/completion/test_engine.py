@@ -143,6 +143,8 @@ def test_the_first_word_completes_to_a_command_or_a_group():
 
 
 def test_the_second_word_completes_to_a_command_of_the_group():
+    assert words("lab ") == ["check", "grade", "new", "rubric"]
+    assert words("lab rubric ") == ["check"]
     assert words("cage ") == ["off", "on", "show"]
     assert words("cage --realm r o") == ["off", "on"]
     assert words("cage nonsense ") == words("cage on ") == []

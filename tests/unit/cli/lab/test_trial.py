@@ -102,7 +102,7 @@ def tried(
 ) -> tuple[trial.Trial, list[str]]:
     """Try the rubric with a judge for whom a row holds if the text of all sources does."""
 
-    def flown(job: grading.GradingJob, made: Rubric) -> list[RowResult]:
+    def flown(job: grading.GradingJob, made: Rubric, *_: object) -> list[RowResult]:
         text = "".join(
             Path(job.folder, name).read_text("utf-8") for name in FILES if name.endswith(".py")
         )

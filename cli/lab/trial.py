@@ -248,7 +248,11 @@ def plan(right: Sequence[Solution], tables: dict[str, Any], only: str) -> list[T
             for mutant in mutants(text, file) if nodes & about else ():
                 outcome: Outcome = "equivalent" if mutant.equivalent else "not judged"
                 found.append(Tried(solution.name, file, nodes, mutant, outcome))
-    chosen = [each for each in found if only in {"", each.mutant.operator} or only in each.name]
+    chosen = [
+        each
+        for each in found
+        if (each.mutant.operator == only if only in OPERATORS else only in each.name)
+    ]
     if not chosen:
         raise Invalid(
             f"--only {only}: it is in the name of none of {len(found)} mutants",

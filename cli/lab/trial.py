@@ -27,8 +27,10 @@ from quadctl.cli.lab.rubric import rubric
 from quadctl.services.runtime.errors import Invalid
 
 _OURS = Path(__file__).parent / "solutions"
-_CRASH = re.compile(r"\w+ (crashed|failed|is blocked|does not stay up)")
+_CRASH = re.compile(r"\w+ (crashed|failed|is blocked|is not ready|does not stay up)")
 """Start of a row's output on a node that has ended or failed."""
+_LATE = re.compile(r"\w+ is not ready: ")
+"""Start of a row's output on a node that has not started in time."""
 _EVERY = 20
 """Mutants for each line on the progress."""
 Outcome = Literal["lost", "crashed", "passed", "equivalent", "not judged"]
@@ -246,7 +248,11 @@ def plan(right: Sequence[Solution], tables: dict[str, Any], only: str) -> list[T
             for mutant in mutants(text, file) if nodes & about else ():
                 outcome: Outcome = "equivalent" if mutant.equivalent else "not judged"
                 found.append(Tried(solution.name, file, nodes, mutant, outcome))
-    chosen = [each for each in found if only in {"", each.mutant.operator} or only in each.name]
+    chosen = [
+        each
+        for each in found
+        if (each.mutant.operator == only if only in OPERATORS else only in each.name)
+    ]
     if not chosen:
         raise Invalid(
             f"--only {only}: it is in the name of none of {len(found)} mutants",
@@ -279,19 +285,30 @@ class Flights(NamedTuple):
         *,
         first_loss: bool,
     ) -> dict[str, Grade]:
-        """Return the grade of each hand-in by its name, in the rows about the nodes beside it."""
+        """Return the grade of each hand-in by its name, in the rows about the nodes beside it.
+
+        A node may be late because the machine is busy: what did not start is flown once more.
+        """
         found: dict[str, Grade] = {}
-        for nodes in sorted({about for about, _ in handins}, key=sorted):
+
+        def fly(
+            nodes: frozenset[str], handins: list[HandIn], done: Callable[[Grade], None]
+        ) -> None:
             grades = grading.grade(
-                [handin for about, handin in handins if about == nodes],
+                handins,
                 self.rows_about(nodes),
                 Limits(),
                 jobs=self.jobs,
                 machine=self.machine,
-                on_done=on_done,
+                on_done=done,
                 first_loss=first_loss,
             )
-            found |= {grade.submission: grade for grade in grades}
+            found.update({grade.submission: grade for grade in grades})
+
+        for nodes in sorted({about for about, _ in handins}, key=sorted):
+            some = [handin for about, handin in handins if about == nodes]
+            fly(nodes, some, lambda grade: None if _is_late(grade) else on_done(grade))
+            fly(nodes, [each for each in some if _is_late(found[each.name])], on_done)
         return found
 
 
@@ -333,6 +350,10 @@ def fly(
         [_judged(each, judged[each.name]) if each.name in judged else each for each in tried],
         [f"{row['number']} {row['name']}" for row in rows],
     )
+
+
+def _is_late(grade: Grade) -> bool:
+    return any(_LATE.match(test.output) for test in grade.tests if not test.ok)
 
 
 def _written(tried: Tried, solution: Path, target: Path) -> HandIn:

@@ -7,6 +7,7 @@ where its report is the question.
 from bisect import bisect_left
 from itertools import pairwise
 from math import dist, inf
+from statistics import median
 
 from msgspec.structs import astuple
 
@@ -304,8 +305,9 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
 def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:
     """Return which baseline is not the air's pressure, or does not change with it; empty if none is."""
     first: tuple[float, float] | None = None
-    for step, reply, _ in flown.outcomes:
-        if not isinstance(reply, CalibrateResponse) or not isinstance(step, Calibrate):
+    calls = [(o.step, o.reply) for o in flown.outcomes if isinstance(o.step, Calibrate)]
+    for number, (step, reply) in enumerate(calls):
+        if reply is None:
             continue
         air = 0.0 if step.unset else pressure_at(pose_at(flown.poses, step.at).position.z)
         if abs(reply.baseline - air) > (row.within or _AIR):
@@ -314,11 +316,23 @@ def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:
             return f"{step}: baseline {reply.baseline:g} hPa, not 0"
         if step.unset or not _has_read(flown, step.at):
             continue
+        if not number and (fault := _not_read(flown, step, reply.baseline)):
+            return fault
         first = first or (air, reply.baseline)
         change, expected = reply.baseline - first[1], air - first[0]
         if _is_off(change, expected, _ZERO):
             return f"{step}: {change:+.3f} hPa since the first baseline, not {expected:+.3f}"
     return ""
+
+
+def _not_read(flown: FlownMission, step: Calibrate, baseline: float) -> str:
+    """Return that a flight's first baseline is not what was read in the second before it; else nothing."""
+    shown = median([r.pressure for r in flown.readings if step.at - 1 <= r.stamp < step.at] or [0])
+    # A baseline of another flight may still be in them.
+    is_raw = abs(shown - pressure_at(pose_at(flown.poses, step.at).position.z)) <= _AIR
+    if not is_raw or abs(baseline - shown) <= _ZERO:
+        return ""
+    return f"{step}: baseline {baseline:g} hPa; the sensor shows {shown:g} hPa"
 
 
 def _has_read(flown: FlownMission, at: float) -> bool:
@@ -360,7 +374,7 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
                 offset = shown - air(reading.stamp) if offset is None else offset
                 expected, base = air(reading.stamp) + offset, _ZERO
             off = abs(shown - expected) > base + _MODEL * abs(change)
-            if off or abs(offset or 0.0) > _AIR:
+            if off or (step.unset and abs(offset or 0.0) > _AIR):
                 return RowVerdict(
                     False,
                     f"sensors/pressure shows {shown:g} hPa {reading.stamp - step.at:.1f} s after"

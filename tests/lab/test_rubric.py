@@ -482,7 +482,7 @@ def test_a_wrong_range_is_refused(keys: str, error: str):
 def test_a_second_baseline_follows_the_height(baselines: tuple[float, float], output: str):
     poses = [Pose("b", n, n / 10, Position(0, 0, 1 if n < 50 else 2), Velocity(0, 0, 0),
                   Quaternion(1, 0, 0, 0), BodyRates(0, 0, 0)) for n in range(91)]  # fmt: skip
-    readings = [Pressure(pose.stamp, AIR, 0, 0, 0) for pose in poses]
+    readings = [Pressure(pose.stamp, baselines[0], 0, 0, 0) for pose in poses]
     outcomes = [
         Outcome(Calibrate(at), CalibrateResponse(baseline), None)
         for at, baseline in zip((3.0, 8.0), baselines, strict=True)

@@ -32,7 +32,6 @@ from quadctl.cli.lab.rubric import RowVerdict, RubricRow
 from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep
 from quadctl.schemas.messages import Pressure, SafetyState
 from quadctl.schemas.services import (
-    CalibrateResponse,
     GotoResponse,
     ToggleCageResponse,
 )

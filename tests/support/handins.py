@@ -63,7 +63,7 @@ MISTAKES = {
     "no_baseline": Mistake("pressure", "raw - self.baseline", "raw", _costs("3.2", "3.3")),
     "baseline_in_pascals": Mistake(
         "pressure", "sum(self.last) / len(self.last)", "100 * sum(self.last) / len(self.last)",
-        _costs("3.1", "3.2", "3.3", "3.4"),
+        _costs("3.1", "3.2", "3.3", "3.4", "3.5"),
     ),
     "drops_requests_in_flight": Mistake(
         "safety", '"busy: flying to another goal"', '""', _costs("2.11")

@@ -103,13 +103,10 @@ def tried(
 ) -> tuple[trial.Trial, list[str]]:
     """Try the rubric with a judge for whom a row holds if the text of all sources does.
 
-<<<<<<< HEAD
-=======
     The node of each text is `late` so many times.
     """
     starts = Counter[str]()
 
->>>>>>> rubric-mutants
     def flown(job: grading.GradingJob, made: Rubric, *_: object) -> list[RowResult]:
         text = "".join(
             Path(job.folder, name).read_text("utf-8") for name in FILES if name.endswith(".py")

@@ -125,6 +125,7 @@ class MissionFlight(Generic[R]):
             raise
         finally:
             self._restore()
+            self._readings.close()  # else each later flight would be received here, too
 
     def _call_ahead(self) -> None:
         calls = [(row, *self._named(row).call()) for row in self._mission.rows]

@@ -7,7 +7,7 @@ where its report is the question.
 from bisect import bisect_left
 from itertools import pairwise
 from math import dist, inf
-from statistics import median
+from statistics import fmean
 
 from msgspec.structs import astuple
 
@@ -35,7 +35,7 @@ from quadctl.schemas.services import (
     GotoResponse,
     ToggleCageResponse,
 )
-from quadctl.schemas.topics import CALIBRATE, SETPOINT
+from quadctl.schemas.topics import CALIBRATE, GOTO, PRESSURE, SETPOINT
 from quadctl.services.pressure.simulated import pressure_at
 from quadctl.services.runtime.errors import Refused
 
@@ -51,6 +51,8 @@ _AIR = 1.0
 """hPa by which a barometer, and so a baseline, may differ from the standard atmosphere."""
 _ZERO = 0.01
 """hPa by which a zeroed reading may differ from the change of the air's pressure since."""
+_MOST = 1.5
+"""Times the barometer's rate that it may have."""
 _MODEL = 0.1
 """Share by which the change of a barometer's model with the height may differ from ours."""
 TIME_TO_ARRIVE = 10.0
@@ -285,7 +287,8 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
         name = str(step)
         if problem is not None:
             # Before the first reading there is no baseline.
-            if service is CALIBRATE and not _has_read(flown, step.at):
+            early = service is CALIBRATE and not _has_read(flown, step.at)
+            if early or (service is GOTO and problem.message.strip()):
                 continue
             return RowVerdict(False, f"{name}: {problem.message}")
         if isinstance(reply, GotoResponse) and not reply.accepted and not reply.reason.strip():
@@ -326,12 +329,18 @@ def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:
 
 def _not_read(flown: FlownMission, step: Calibrate, baseline: float) -> str:
     """Return that a flight's first baseline is not what was read in the second before it; else nothing."""
-    shown = median([r.pressure for r in flown.readings if step.at - 1 <= r.stamp < step.at] or [0])
-    # A baseline of another flight may still be in them.
-    is_raw = abs(shown - pressure_at(pose_at(flown.poses, step.at).position.z)) <= _AIR
-    if not is_raw or abs(baseline - shown) <= _ZERO:
+    air = pressure_at(pose_at(flown.poses, step.at).position.z)
+    # Without those that are already zeroed, or still.
+    raw = [r.pressure for r in flown.readings if step.at - 1 <= r.stamp < step.at]
+    raw = [each for each in raw if abs(each - air) <= _AIR]
+    # In a climb it matters by a reading where the second begins.
+    if not raw or abs(baseline - fmean(raw)) <= _ZERO + _EDGE * (max(raw) - min(raw)):
         return ""
-    return f"{step}: baseline {baseline:g} hPa; the sensor shows {shown:g} hPa"
+    return f"{step}: baseline {baseline:g} hPa; the mean of the last second is {fmean(raw):g} hPa"
+
+
+_EDGE = 0.15
+"""Share of a second's change by which its mean may differ: one and a half of its ten readings."""
 
 
 def _has_read(flown: FlownMission, at: float) -> bool:
@@ -353,6 +362,9 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
     # A reading of the time of the next calibration may be from before it, or from after it.
     ends = [step.at - 1e-6 for step in steps[1:]] + [flown.poses[-1].stamp]
     shown, offset = 0.0, None
+    if (count := len(flown.readings)) > _MOST * PRESSURE.hz * flown.poses[-1].stamp:
+        why = f"sensors/pressure shows {count} readings in {flown.poses[-1].stamp:g} s"
+        return RowVerdict(False, f"{why}: {PRESSURE.hz:g} a second are expected")
 
     def air(at: float) -> float:
         return pressure_at(pose_at(flown.poses, at).position.z)

@@ -147,7 +147,7 @@ def grade(
         Option("Grade only the row with this number; repeat it for more.", metavar="NUMBER"),
     ] = None,
     seed: Annotated[
-        int | None, Option("Seed of the hidden flights, one for a class (default: drawn).", min=0)
+        int | None, Option("Seed of the goals and the hidden flights, one for a class (default: drawn).", min=0)
     ] = None,
     trust: Annotated[
         bool, Option("Grade also where this machine cannot shut hand-ins in completely.")
@@ -175,7 +175,7 @@ def grade(
     if made:
         made.enter(handins, anew=bool(row))
     if rows != chosen:
-        output.note(f"hidden flights: --seed {record.seed}")
+        output.note(f"drawn from --seed {record.seed}")
     _compile_vehicle()
     done = 0
 

@@ -90,7 +90,7 @@ def class_page(entries: Sequence[StudentLine], seed: int) -> str:
         facts.append(f"{bad} not gradable")
     if due := len(entries) - len(grades):
         facts.append(f"{due} not graded yet")
-    facts.append(f"seed of the hidden flights: {seed}")
+    facts.append(f"seed: {seed}")
     students = "\n".join(
         f"<tr><td>{_link(f'{entry.folder}/report.html', entry.name) if entry.grade else _safe(entry.name)}</td>"
         f"<td class=points>{_points(entry.grade) if entry.grade else ''}</td><td>{_state(entry.grade)}</td></tr>"

@@ -5,7 +5,6 @@ import re
 import shutil
 import sys
 import tempfile
-import tomllib
 import zipfile
 from pathlib import Path
 
@@ -13,42 +12,29 @@ import pytest
 
 from quadctl.cli.lab import grading, machine
 from quadctl.cli.lab.handin import HandIn
-from quadctl.cli.lab.judge import last_error
-from quadctl.cli.lab.rubric import rubric
-from quadctl.services.runtime.errors import Invalid
 from tests.support.archives import below, flipped, zipped
-from tests.support.handins import CHEATS, GOOD, MISTAKES, STYLES, promised, write
+from tests.support.handins import (
+    ARRIVES,
+    CHEATS,
+    GOAL_AHEAD,
+    GOOD,
+    MISTAKES,
+    ROWS,
+    STYLES,
+    graded,
+    promised,
+    write,
+)
 from tests.support.lab import Lab
 from tests.support.missions import busy
 from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
-ROWS = [
-    "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9", "2.10", "2.11",
-    "2.12", "3.1", "3.2", "3.3", "3.4", "3.5", "4.1", "4.2", "4.3", "4.4", "4.5", "4.6",
-]  # fmt: skip
 HIDDEN = "5.1"
 LAZY = {"3.1", "3.2", "3.3", "3.4", "3.5"}
 """Rows about the other node, which a cheat in safety leaves alone."""
 
 ABOUT_SAFETY = {number for number in (*ROWS, HIDDEN) if not number.startswith("3.")}
-
-
-def graded(lab: Lab, *words: object, timeout: float = 60.0) -> dict[str, dict[str, str]]:
-    """Grade hand-ins with known hidden flights; return the output of each row that does not hold, by hand-in and number.
-
-    Marks are the same on a machine that cannot shut them in completely.
-    """
-    done = lab.quadctl(
-        "lab", "grade", *words, "--format", "json", "--trust", "--seed", 19, timeout=timeout
-    )
-    assert done.code == 0, done.err
-    return {
-        Path(each["submission"]).stem: {
-            test["number"]: test["output"] for test in each["tests"] if not test["ok"]
-        }
-        for each in done.json
-    }
 
 
 @pytest.mark.thorough
@@ -73,9 +59,9 @@ def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
         shutil.copy(completed / name, mine / name)
     last = lab.quadctl("lab", "check", "mine", "--report", "out")
     assert last.code == 0, last.out + last.err
-    assert "mine: 32 of 32 points" in last.out
+    assert "mine: 33 of 33 points" in last.out
     page = (lab.folder / "out/report.html").read_text("utf-8")
-    assert "mine: 32 of 32 points" in page
+    assert "mine: 33 of 33 points" in page
     assert "data:image/png;base64," in page
     assert lab.quadctl("bag", "check", "out/flight.mcap").code == 0
 
@@ -110,12 +96,6 @@ def test_all_of_the_labs_text_can_be_graded(lab: Lab):
     assert "own/toggle" in found["completed"]["6.8"]
 
 
-ARRIVES = (
-    '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 9.0\n'
-    'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n'
-)
-
-
 def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
     files = {path.name: path.read_bytes() for path in write("completed", lab.folder).iterdir()}
     broken = flipped(zipped(files, zipfile.ZIP_STORED), 200)
@@ -144,10 +124,10 @@ def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
 
 
 def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
-    expected = {"completed": 36, "no_baseline": 33, "never_arrives": 8}
+    expected = {"completed": 37, "no_baseline": 34, "never_arrives": 9}
     assert {name: promised()[name] for name in expected} == expected
     done = lab.quadctl("lab", "grade", write("no_baseline", lab.folder), "--trust", "--seed", 19)
-    assert "no_baseline: 33 of 36" in done.err, done.out
+    assert "no_baseline: 34 of 37" in done.err, done.out
 
 
 @pytest.mark.thorough
@@ -260,15 +240,6 @@ def test_no_cheat_gains_a_point_or_disturbs_the_next(lab: Lab, proofs: Proofs):
     proofs.add("Cheats that gain a point or disturb the next hand-in", f"0 of {len(CHEATS)}", "0")
 
 
-GOAL_AHEAD = """
-[[row]]
-name = "flies"
-expect = "arrives"
-end = 9.0
-rows = [{ at = 4.0, do = "goto", x = 1.0, y = 0.0, z = 1.0 }]
-"""
-
-
 @pytest.mark.thorough
 def test_what_is_not_its_own_a_hand_in_does_in_vain(lab: Lab):
     """Those that fly nowhere are where they were, as if they had done nothing else."""
@@ -367,153 +338,3 @@ def test_a_judge_that_fails_is_reported_as_that(lab: Lab, monkeypatch: pytest.Mo
         on_done=lambda _grade: None,
     )  # fmt: skip
     assert [each.output for each in found.tests] == ["not flown: its judge failed: no wings"]
-
-
-def broken(folder: Path, old: str, new: str) -> Path:
-    """Write the completed hand-in with a fault in its safety node, and return its folder."""
-    handin = write("completed", folder)
-    file = handin / "my_safety.py"
-    text = file.read_text("utf-8")
-    assert old in text
-    file.write_text(text.replace(old, new), "utf-8")
-    return handin
-
-
-@pytest.mark.thorough
-def test_a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only(lab: Lab):
-    handin = broken(lab.folder, "        away = dist(", "        away = math.dist(")
-    shutil.copy(Path(grading.__file__).with_name("rubric.toml"), handin)
-    done = lab.quadctl("lab", "check", handin)
-    assert done.code == 8, done.err
-    live, text = done.out.split("completed: ")
-    assert {line.split()[1] for line in live.splitlines() if line.startswith("ok")} == {
-        number for number in ROWS if number.startswith("3.")
-    }
-    first, _, evidence, *more = text.splitlines()
-    crash = (
-        r" {8}safety (crashed|does not stay up): NameError: .*'math'.* \(my_safety\.py, line \d+\)"
-    )
-    assert re.fullmatch(crash, evidence), first
-    assert not [line for line in more if "hint:" in line or "nobody" in line]
-    assert [line for line in more if "in rows that only `lab grade` flies" in line] == more[-2:-1]
-    page = (handin / "report/report.html").read_text("utf-8")
-    assert "in rows that only `lab grade` flies" in page
-
-
-@pytest.mark.thorough
-def test_a_crash_in_one_row_costs_that_row_only(lab: Lab):
-    handin = broken(
-        lab.folder, "        self.cage_on = request.cage_on\n", "        import os; os._exit(3)\n"
-    )
-    # A process that ends quickly five times is left down by the supervisor.
-    crashes = [
-        f'[[row]]\nname = "crash {n}"\nexpect = "answers"\nend = 5.0\n'
-        'rows = [{ at = 4.0, do = "cage", on = false }]\nhint = "look"\n'
-        for n in range(6)
-    ]
-    own = lab.file("".join((*crashes, ARRIVES)), "own.toml")
-    found = graded(lab, handin, "--rubric", own)["completed"]
-    assert found == {str(n): "safety crashed: exit 3" for n in range(1, 7)}
-
-
-@pytest.mark.thorough
-def test_a_handler_that_blocks_is_named_and_waited_for_twice(lab: Lab):
-    handin = broken(
-        lab.folder,
-        "        goal = Position(request.x",
-        "        while True: pass\n        goal = Position(request.x",
-    )
-    rows = "".join(
-        f'[[row]]\nname = "goal {n}"\nexpect = "arrives"\nend = 6.0\n'
-        f'rows = [{{ at = 4.0, do = "goto", x = {n}.0, y = 1.0, z = 1.0 }}]\n'
-        for n in range(1, 5)
-    )
-    found = graded(lab, handin, "--rubric", lab.file(rows, "own.toml"))["completed"]
-    firsts = [output.splitlines()[0] for output in found.values()]
-    named = "safety is blocked: on_goto (my_safety.py, line 43) has not returned for 2 s"
-    assert all(named in first for first in firsts), firsts
-    assert [first.startswith("not flown") for first in firsts] == [False, False, True, True]
-
-
-@pytest.mark.thorough
-def test_a_wrong_reply_names_its_handler(lab: Lab):
-    handin = broken(lab.folder, "        return ToggleCageResponse(True)\n", "")
-    row = (
-        '[[row]]\nname = "toggles"\nexpect = "answers"\nend = 5.0\n'
-        'rows = [{ at = 4.0, do = "cage", on = false }]\n'
-    )
-    found = graded(lab, handin, "--rubric", lab.file(row, "own.toml"))["completed"]
-    assert found["1"].startswith(
-        "safety failed: TypeError: Safety.on_toggle (my_safety.py, line 54) returned None, not a"
-        " ToggleCageResponse"
-    )
-
-
-def test_a_pose_that_safety_does_not_answer_is_named(lab: Lab):
-    handin = broken(
-        lab.folder, "        self.setpoints.put(", "        if pose.seq < 100: self.setpoints.put("
-    )
-    found = graded(lab, handin, "--rubric", lab.file(GOAL_AHEAD, "own.toml"))["completed"]
-    assert "time stopped at 1 s; safety owes a setpoint for pose 100: the last one" in found["1"]
-
-
-SYNTAX = """\
-  File "/handin/sub/a.py", line 111
-    def f(:
-          ^
-SyntaxError: invalid syntax
-"""
-IN_OURS = """\
-Traceback (most recent call last):
-  File "/mine/my_safety.py", line 9, in <module>
-    start("safety", run)
-  File "/lib/quadctl/entry.py", line 3, in start
-    run()
-KeyError: 'x'
-afterwards: more
-"""
-CHAINED = """\
-Traceback (most recent call last):
-  File "/mine/a.py", line 1, in f
-    g()
-OSError: first
-
-During handling of the above exception, another exception occurred:
-
-Traceback (most recent call last):
-  File "/lib/b.py", line 2, in h
-    raise
-quadctl.errors.Invalid
-"""
-
-
-@pytest.mark.parametrize(
-    ("log", "error"),
-    [
-        ("", ""),
-        ("flying\nValueError: of my own words", ""),
-        (SYNTAX, "SyntaxError: invalid syntax (sub/a.py, line 111)"),
-        (
-            SYNTAX.replace("/handin", "/tmp/quadctl-lab-a_1/root/12/handin"),
-            "SyntaxError: invalid syntax (sub/a.py, line 111)",
-        ),
-        (IN_OURS, "KeyError: 'x' (my_safety.py, line 9)"),
-        (CHAINED, "quadctl.errors.Invalid (b.py, line 2)"),
-    ],
-)
-def test_the_last_error_of_a_log_has_its_place_in_the_hand_in(log: str, error: str):
-    assert last_error(log.splitlines(), Path("/mine")) == error
-
-
-@pytest.mark.parametrize(
-    ("keys", "hint"),
-    [
-        ("expect = 'zerod'", "did you mean zeroed? expect is one of refused, arrives, "),
-        ("expect = 'xxxxx'", "expect is one of refused, arrives, "),
-        ("expect = 'state_seen'\nstate = 'MOVE'", "state is one of HOVERING, VERIFYING, MOVING"),
-    ],
-)
-def test_a_wrong_word_in_a_rubric_gets_those_that_are_allowed(keys: str, hint: str):
-    with pytest.raises(Invalid) as refused:
-        rubric(tomllib.loads(f"[[row]]\nname = 'a'\n{keys}\n"), "r.toml")
-    assert hint in refused.value.hint

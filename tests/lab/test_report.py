@@ -35,7 +35,7 @@ def test_a_class_has_a_report_of_each_student_and_a_row_is_graded_anew(lab: Lab)
     broken.write_text("no zip", "utf-8")
     rubric = lab.file(TWO, "rubric.toml")
     notes = grade(lab, good, bad, broken, "--rubric", rubric, "--seed", 4711)
-    assert "hidden flights: --seed 4711" in notes
+    assert "drawn from --seed 4711" in notes
     assert "class page: out/index.html" in notes
     out = lab.folder / "out"
     assert {path.name for path in (out / "completed").iterdir()} == {

@@ -440,11 +440,12 @@ thirty students on one network
 a grade that depends on the load of the machine, or on luck
   a hand-in gets the same grade each time, and a mistake costs its own rows alone; a run that grades
   waits for a process that stands still
-  - lab/lab: a_class_is_graded_each_for_itself a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only
+  - lab/lab: a_class_is_graded_each_for_itself
+  - lab/evidence: a_crash_is_the_first_line_and_costs_the_rows_of_its_node_only
   - flight/fly: a_run_of_its_own_waits_for_a_frozen_process
   - bus/slow_readers: in_lockstep_no_message_of_a_node_of_ones_own_is_lost_to_a_slow_reader
-  - lab/lab: a_handler_that_blocks_is_named_and_waited_for_twice
-    right_hand_ins_in_each_style_have_full_marks_in_each_run
+  - lab/evidence: a_handler_that_blocks_is_named_and_waited_for_twice
+  - lab/lab: right_hand_ins_in_each_style_have_full_marks_in_each_run
   - flight/fly: a_node_in_any_style_flies_the_same_mission a_loop_that_sleeps_answers_its_calls
   - lab/lab: the_rubric_tells_the_mistakes_apart_in_20_runs_of_20
   = Right hand-ins

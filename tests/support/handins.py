@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from quadctl.cli.lab import grading
+from tests.support.lab import Lab
 
 SOURCES = Path(__file__).parents[1] / "lab" / "handins"
 SOLUTIONS = Path(grading.__file__).parent / "solutions"
@@ -125,6 +126,43 @@ def write(name: str, folder: Path) -> Path:
 def _texts(folder: Path) -> dict[str, str]:
     """Return the texts of a folder's files; those of the package have .txt after their names."""
     return {file.name.removesuffix(".txt"): file.read_text("utf-8") for file in folder.iterdir()}
+
+
+ROWS = [
+    "1.1", "1.2", "2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7", "2.8", "2.9", "2.10", "2.11",
+    "2.12", "2.13", "3.1", "3.2", "3.3", "3.4", "3.5", "4.1", "4.2", "4.3", "4.4", "4.5", "4.6",
+]  # fmt: skip
+"""Numbers of the visible rows."""
+ARRIVES = (
+    '[[row]]\nname = "flies"\nexpect = "arrives"\nend = 9.0\n'
+    'rows = [{ at = 4.0, do = "goto", x = 1.0, y = 1.0, z = 1.0 }]\n'
+)
+"""Rubric with one row, for a goal at 4 s."""
+GOAL_AHEAD = """
+[[row]]
+name = "flies"
+expect = "arrives"
+end = 9.0
+rows = [{ at = 4.0, do = "goto", x = 1.0, y = 0.0, z = 1.0 }]
+"""
+"""Rubric with one row, for a goal 1 m ahead."""
+
+
+def graded(lab: Lab, *words: object, timeout: float = 60.0) -> dict[str, dict[str, str]]:
+    """Grade hand-ins with known hidden flights; return the output of each row that does not hold, by hand-in and number.
+
+    Marks are the same on a machine that cannot shut them in completely.
+    """
+    done = lab.quadctl(
+        "lab", "grade", *words, "--format", "json", "--trust", "--seed", 19, timeout=timeout
+    )
+    assert done.code == 0, done.err
+    return {
+        Path(each["submission"]).stem: {
+            test["number"]: test["output"] for test in each["tests"] if not test["ok"]
+        }
+        for each in done.json
+    }
 
 
 def promised() -> dict[str, float]:

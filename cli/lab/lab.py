@@ -147,7 +147,10 @@ def grade(
         Option("Grade only the row with this number; repeat it for more.", metavar="NUMBER"),
     ] = None,
     seed: Annotated[
-        int | None, Option("Seed of the goals and the hidden flights, one for a class (default: drawn).", min=0)
+        int | None,
+        Option(
+            "Seed of the goals and the hidden flights, one for a class (default: drawn).", min=0
+        ),
     ] = None,
     trust: Annotated[
         bool, Option("Grade also where this machine cannot shut hand-ins in completely.")

@@ -17,7 +17,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.cli.lab.effects import name_of
-from quadctl.cli.lab.source import Fault, Source, is_noise, on_a_line
+from quadctl.cli.lab.source import CodeFault, Source, is_noise, on_a_line
 from quadctl.schemas import messages, services
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
@@ -130,7 +130,7 @@ def _is_range(node: ast.AST) -> bool:
     )
 
 
-def _compare(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _compare(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if code.is_outside(node):
         return
     if isinstance(node, ast.BoolOp):
@@ -147,7 +147,7 @@ def _compare(code: Source, node: ast.AST) -> Iterator[Fault]:
                 yield code.swapped(left, right, *table[type(op)])
 
 
-def _bound(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _bound(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if isinstance(node, ast.Compare) and not _is_range(node):
         sides = [node.left, *node.comparators]
         constants = [side for side in sides if isinstance(side, ast.Constant)]
@@ -185,7 +185,7 @@ def _counts(parent: ast.AST, node: ast.Constant) -> bool:
     )
 
 
-def _axis(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _axis(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
         if other := _NEXT_AXIS.get(node.attr):
             yield code.in_place_of(node, ast.Attribute(node.value, other, ast.Load()))
@@ -193,7 +193,7 @@ def _axis(code: Source, node: ast.AST) -> Iterator[Fault]:
         yield code.in_place_of(node, ast.Constant("xyx"))
 
 
-def _sign(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _sign(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     match node:
         case ast.UnaryOp(op=ast.USub() | ast.Not()):
             if not isinstance(node.operand, ast.Constant):
@@ -216,14 +216,14 @@ def _is_option(code: Source, node: ast.AST) -> bool:
     return not isinstance(call, ast.Call) or name_of(call.func) not in _MESSAGES
 
 
-def _order(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _order(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     for body in _bodies(node):
         for pair in pairwise(body):
             if _matters(code, *pair):
                 yield _moved(code, pair)
 
 
-def _late(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _late(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if _is_range(node):
         yield _scaled(code, node, 0.5)
     for body in _bodies(node):
@@ -251,16 +251,16 @@ def _matters(code: Source, first: ast.stmt, second: ast.stmt) -> bool:
     return bool(touched) and not one.binds & other.reads
 
 
-def _moved(code: Source, parts: Sequence[ast.stmt]) -> Fault:
+def _moved(code: Source, parts: Sequence[ast.stmt]) -> CodeFault:
     """Return the fault of a statement that comes after those that follow it."""
     gaps = [code.between(one, other) for one, other in pairwise(parts)]
     moved, *texts = [code.text(part, part) for part in parts]
     text = "".join(each + gap for each, gap in zip(texts, gaps, strict=True)) + moved
     old, below = (each.partition("\n")[0] for each in (moved, texts[-1]))
-    return Fault(parts[0], parts[-1], text, (old, f"below {below}"))
+    return CodeFault(parts[0], parts[-1], text, (old, f"below {below}"))
 
 
-def _missing_transition(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _missing_transition(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if code.is_set_up(node):
         return
     if isinstance(node, ast.Assign) and len(node.targets) == 1:
@@ -268,28 +268,28 @@ def _missing_transition(code: Source, node: ast.AST) -> Iterator[Fault]:
         names = target.elts if isinstance(target, ast.Tuple) else [target]
         kept = [name for name in names if code.effects.is_state(name)]
         if len(names) == 1 and kept:
-            yield Fault(node, node, "pass")
+            yield CodeFault(node, node, "pass")
         elif isinstance(node.value, ast.Tuple):
             for name, value in zip(names, node.value.elts, strict=False):
                 if name in kept:
                     yield code.in_place_of(value, name)
     elif isinstance(node, (ast.AnnAssign, ast.AugAssign)):
         if node.value and code.effects.is_state(node.target):
-            yield Fault(node, node, "pass")
+            yield CodeFault(node, node, "pass")
     elif _is_call(node) and code.effects.changes_state(node):
-        yield Fault(node, node, "pass")
+        yield CodeFault(node, node, "pass")
 
 
-def _missing_publish(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _missing_publish(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if _is_call(node) and code.effects.publishes(node) and not code.effects.changes_state(node):
-        yield Fault(node, node, "pass")
+        yield CodeFault(node, node, "pass")
 
 
 def _is_call(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
 
 
-def _wrong_unit(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _wrong_unit(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if isinstance(node, ast.Call):
         for argument, is_float in _fields(node):
             if is_float and not _is_zero(argument):
@@ -298,14 +298,14 @@ def _wrong_unit(code: Source, node: ast.AST) -> Iterator[Fault]:
         yield code.in_place_of(node, _times(100, node))
 
 
-def _early(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _early(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if _is_range(node):
         yield _scaled(code, node, 2)
         assert isinstance(node, ast.expr)  # noqa: S101 - a comparison
         yield code.in_place_of(node, ast.Constant(True))
 
 
-def _scaled(code: Source, node: Any, factor: float) -> Fault:
+def _scaled(code: Source, node: Any, factor: float) -> CodeFault:
     side = next(each for each in (*node.comparators, node.left) if _RANGE.search(ast.unparse(each)))
     return code.in_place_of(side, _times(factor, side))
 
@@ -314,7 +314,7 @@ def _times(factor: float, value: ast.expr) -> ast.expr:
     return ast.BinOp(ast.Constant(factor), ast.Mult(), value)
 
 
-def _twice(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _twice(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub):
         yield code.in_place_of(node, ast.BinOp(node, ast.Sub(), node.right))
     elif (isinstance(node, ast.AugAssign) and isinstance(node.op, (ast.Add, ast.Sub))) or (
@@ -324,17 +324,17 @@ def _twice(code: Source, node: ast.AST) -> Iterator[Fault]:
     ):
         text = code.text(node, node)
         about = (on_a_line(text), "twice")
-        yield Fault(node, node, f"{text}; {ast.unparse(node)}", about)
+        yield CodeFault(node, node, f"{text}; {ast.unparse(node)}", about)
 
 
-def _never(code: Source, node: ast.AST) -> Iterator[Fault]:
+def _never(code: Source, node: ast.AST) -> Iterator[CodeFault]:
     if isinstance(node, ast.If) and not code.is_set_up(node):
         yield code.in_place_of(node.test, ast.Constant(False))
     elif isinstance(node, ast.IfExp):
         yield code.in_place_of(node, node.orelse)
 
 
-_FAULTS: dict[Operator, Callable[[Source, ast.AST], Iterator[Fault]]] = {
+_FAULTS: dict[Operator, Callable[[Source, ast.AST], Iterator[CodeFault]]] = {
     "compare": _compare,
     "bound": _bound,
     "axis": _axis,

@@ -15,7 +15,7 @@ _WIDEST, _LONGEST = 60, 120
 """Most characters of an expression that is shown around a fault, and of what is shown at all."""
 
 
-class Fault(NamedTuple):
+class CodeFault(NamedTuple):
     """Text in place of that from the begin of `first` to the end of `last`; `about` is shown for it, if given."""
 
     first: ast.AST
@@ -46,7 +46,7 @@ class Source:
         """Return the text between two nodes."""
         return self._data[self._end(first) : self._begin(second)].decode()
 
-    def with_fault(self, fault: Fault) -> tuple[int, str, str, str]:
+    def with_fault(self, fault: CodeFault) -> tuple[int, str, str, str]:
         """Return the line of a fault, what is shown without and with it, and the whole source with it."""
         begin, end = self._begin(fault.first), self._end(fault.last)
         before, after = self._data[:begin].decode(), self._data[end:].decode()
@@ -59,7 +59,7 @@ class Source:
         old, new = lead + self.text(fault.first, fault.last) + rest, lead + fault.text + rest
         return line, on_a_line(old), on_a_line(new), before + fault.text + after
 
-    def _shown(self, fault: Fault) -> tuple[ast.AST, ast.AST]:
+    def _shown(self, fault: CodeFault) -> tuple[ast.AST, ast.AST]:
         """Return the nodes that begin and end what is shown of a fault: an expression and those around it."""
         shown = fault.first
         if not isinstance(shown, ast.expr):
@@ -102,17 +102,17 @@ class Source:
             yield outer
             node = outer
 
-    def swapped(self, left: ast.AST, right: ast.AST, old: str, new: str) -> Fault:
+    def swapped(self, left: ast.AST, right: ast.AST, old: str, new: str) -> CodeFault:
         """Return the fault of another operator between two operands."""
         gap = re.sub(rf"(?<![<>=\w]){old}(?![=\w])", new, self.between(left, right), count=1)
-        return Fault(left, right, self.text(left, left) + gap + self.text(right, right))
+        return CodeFault(left, right, self.text(left, left) + gap + self.text(right, right))
 
-    def in_place_of(self, node: ast.AST, new: ast.expr) -> Fault:
+    def in_place_of(self, node: ast.AST, new: ast.expr) -> CodeFault:
         """Return the fault of another expression in the place of a node."""
         text = ast.unparse(new)
         parent = self.parents[node]
         around = 0 if _lists(parent, node) or self._is_in_brackets(node) else _rank(parent)
-        return Fault(node, node, f"({text})" if _rank(new) <= around else text)
+        return CodeFault(node, node, f"({text})" if _rank(new) <= around else text)
 
     def _is_in_brackets(self, node: ast.AST) -> bool:
         begin, end = self._begin(node), self._end(node)

@@ -87,7 +87,7 @@ def test_a_wrong_reply_names_its_handler(lab: Lab):
     )
     found = graded(lab, handin, "--rubric", lab.file(row, "own.toml"))["completed"]
     assert found["1"].startswith(
-        "safety failed: TypeError: Safety.on_toggle (my_safety.py, line 54) returned None, not a"
+        "safety failed: TypeError: Safety.on_toggle (my_safety.py, line 57) returned None, not a"
         " ToggleCageResponse"
     )
 

@@ -73,14 +73,11 @@ MISTAKES = {
         "safety", "CageSize(size.x, size.y, size.z)", "CageSize(5.0, 5.0, 5.0)", _costs("1.1")
     ),
     "never_stops": Mistake(
-        "safety",
-        """        if self.cage_on and self.state == "MOVING" and not self.is_inside(self.goal):
-            self.state, self.brake, self.reason = "HOVERING", True, "stopped: the cage is on"
-""",
-        "", _costs("4.3", "4.4"),
+        "safety", 'self.cage_on and self.state == "MOVING" and not', 'False and not',
+        _costs("4.3", "4.4"),
     ),
     "never_releases_the_brake": Mistake(
-        "safety", '"MOVING", goal, False, ""', '"MOVING", goal, self.brake, ""', _costs("4.4")
+        "safety", '"MOVING", goal, False', '"MOVING", goal, self.brake', _costs("4.4")
     ),
     "hard_coded_range": Mistake(
         "safety", "params.safety.acceptance_range", "0.5", _costs("1.2")

@@ -73,7 +73,7 @@ MISTAKES = {
         "safety", "CageSize(size.x, size.y, size.z)", "CageSize(5.0, 5.0, 5.0)", _costs("1.1")
     ),
     "never_stops": Mistake(
-        "safety", 'self.cage_on and self.state == "MOVING" and not', 'False and not',
+        "safety", 'self.cage_on and self.state == "MOVING" and not', "False and not",
         _costs("4.3", "4.4"),
     ),
     "never_releases_the_brake": Mistake(

@@ -92,6 +92,7 @@ def test_a_wrong_reply_names_its_handler(lab: Lab):
     )
 
 
+@pytest.mark.thorough
 def test_a_pose_that_safety_does_not_answer_is_named(lab: Lab):
     handin = broken(
         lab.folder, "        self.setpoints.put(", "        if pose.seq < 100: self.setpoints.put("

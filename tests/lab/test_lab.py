@@ -84,6 +84,7 @@ def test_a_class_is_graded_each_for_itself(lab: Lab):
     assert why.startswith("it is neither a folder, a zip or tar file, nor a .py file; try: ")
 
 
+@pytest.mark.thorough
 def test_all_of_the_labs_text_can_be_graded(lab: Lab):
     extra = Path(grading.__file__).with_name("extra.toml")
     folders = [write(name, lab.folder) for name in ("beyond", "completed")]

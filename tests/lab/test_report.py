@@ -27,6 +27,7 @@ def grade(lab: Lab, *words: object, code: int = 0) -> str:
     return done.err
 
 
+@pytest.mark.thorough
 def test_a_class_has_a_report_of_each_student_and_a_row_is_graded_anew(lab: Lab):
     good, bad = write("completed", lab.folder), write("never_arrives", lab.folder)
     source = good / "my_safety.py"

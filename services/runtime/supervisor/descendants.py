@@ -23,6 +23,8 @@ from quadctl.services.runtime.supervisor.fork import ForkedProcess
 MARK = "QUADCTL_LEASH"
 _PROC = Path("/proc")
 _MOST_SWEEPS = 20
+_STARTING, _NEW = 0.2, 5.0
+"""Seconds for which a process that is just being loaded is waited for, and within which it may be."""
 
 
 def new_mark() -> str:
@@ -32,32 +34,55 @@ def new_mark() -> str:
 
 def signal_all(mark: str, number: int) -> int:
     """Signal every other process with a mark that begins with `mark`, and return their number."""
+    return _sweep(mark, number)[0]
+
+
+def _sweep(mark: str, number: int) -> tuple[int, int]:
+    """Signal as `signal_all`; return the number of those, and of processes that have no mark yet."""
     if sys.platform != "linux":
-        return 0
-    count, names = 0, (path.name for path in _PROC.iterdir())
+        return 0, 0
+    count, starting, names = 0, 0, (path.name for path in _PROC.iterdir())
     for pid in [int(name) for name in names if name.isdigit() and name != str(os.getpid())]:
         with contextlib.suppress(OSError):
             # The descriptor stays with this process, even if its id is reused.
             descriptor = os.pidfd_open(pid)
             try:
-                if _mark_of(pid).startswith(mark):
+                environment = _environment(pid)
+                if _mark_in(environment).startswith(mark):
                     signal.pidfd_send_signal(descriptor, number)
                     count += 1
+                elif not environment and _is_new(pid):
+                    starting += 1
             finally:
                 os.close(descriptor)
-    return count
+    return count, starting
 
 
 def kill_all(mark: str) -> None:
     """Kill all marked processes, also those started while this runs."""
     for _ in range(_MOST_SWEEPS):
-        if not signal_all(mark, signal.SIGKILL):
+        count, starting = _sweep(mark, signal.SIGKILL)
+        if not count and not starting:
             return
+        if not count:
+            time.sleep(_STARTING / _MOST_SWEEPS)
 
 
-def _mark_of(pid: int) -> str:
-    """Return the mark of a process; empty if it has none or has ended."""
-    environment = (_PROC / str(pid) / "environ").read_bytes()
+def _environment(pid: int) -> bytes:
+    """Return the environment of a process; empty of one that the kernel is just loading."""
+    return (_PROC / str(pid) / "environ").read_bytes()
+
+
+def _is_new(pid: int) -> bool:
+    """Return whether a process has begun so lately that it may still be loaded."""
+    from quadctl.services.runtime.procfs import stats_of
+
+    stats = stats_of(pid)
+    return (stats.state or "X") not in "ZX" and (stats.uptime or 0.0) < _NEW
+
+
+def _mark_in(environment: bytes) -> str:
+    """Return the mark in a process's environment; empty if it has none."""
     for entry in environment.split(b"\0"):
         if entry.startswith(f"{MARK}=".encode()):
             return os.fsdecode(entry.partition(b"=")[2])

@@ -44,5 +44,21 @@ def test_command_is_found_by_its_own_mark_and_the_runs_mark(mark_of_run: str, st
     assert stranger.poll() is None
 
 
+def test_a_command_that_is_just_being_loaded_is_killed_too(
+    mark_of_run: str, stack: ExitStack, monkeypatch: pytest.MonkeyPatch
+):
+    """The kernel shows no environment of a process that it loads."""
+    loading, read, looks = marked(stack, f"{mark_of_run}one/"), descendants._environment, 0
+
+    def environment(pid: int) -> bytes:
+        nonlocal looks
+        looks += pid == loading.pid
+        return b"" if pid == loading.pid and looks < 3 else read(pid)
+
+    monkeypatch.setattr(descendants, "_environment", environment)
+    descendants.kill_all(mark_of_run)
+    assert loading.wait() == -signal.SIGKILL
+
+
 def test_two_runs_of_one_supervisor_have_different_marks(mark_of_run: str):
     assert descendants.new_mark() != mark_of_run

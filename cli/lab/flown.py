@@ -82,11 +82,13 @@ def distance(pose: Pose, place: Iterable[float]) -> float:
     return dist(place_of(pose), tuple(place))
 
 
-def _stamp(message: Pose | SafetyState) -> float:
+def _stamp(message: Pose | SafetyState | Pressure) -> float:
     return message.stamp
 
 
-def first_at(messages: Sequence[Pose] | Sequence[SafetyState], at: float) -> int:
+def first_at(
+    messages: Sequence[Pose] | Sequence[SafetyState] | Sequence[Pressure], at: float
+) -> int:
     """Return the number of the first message of a time (s) or later."""
     return bisect_left(messages, at - 1e-9, key=_stamp)
 

@@ -4,7 +4,6 @@ The true poses count, and the parameters of the launch; what a node reports of i
 where its report is the question.
 """
 
-from bisect import bisect_left
 from itertools import pairwise
 from math import dist, inf
 from statistics import fmean
@@ -30,7 +29,7 @@ from quadctl.cli.lab.flown import (
 )
 from quadctl.cli.lab.rubric import RowVerdict, RubricRow
 from quadctl.cli.mission.mission import CageStep, Calibrate, GotoStep
-from quadctl.schemas.messages import Pressure, SafetyState
+from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.services import (
     GotoResponse,
     ToggleCageResponse,
@@ -311,7 +310,7 @@ def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:
     for number, (step, reply) in enumerate(calls):
         if reply is None:
             continue
-        air = 0.0 if step.unset else pressure_at(pose_at(flown.poses, step.at).position.z)
+        air = 0.0 if step.unset else _air(flown, step.at)
         if abs(reply.baseline - air) > (row.within or _AIR):
             return f"{step}: baseline {reply.baseline:g} hPa, not {air:.2f} hPa"
         if step.unset and reply.baseline:
@@ -329,7 +328,7 @@ def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:
 
 def _not_read(flown: FlownMission, step: Calibrate, baseline: float) -> str:
     """Return that a flight's first baseline is not what was read in the second before it; else nothing."""
-    air = pressure_at(pose_at(flown.poses, step.at).position.z)
+    air = _air(flown, step.at)
     # Without those that are already zeroed, or still.
     raw = [r.pressure for r in flown.readings if step.at - 1 <= r.stamp < step.at]
     raw = [each for each in raw if abs(each - air) <= _AIR]
@@ -345,11 +344,12 @@ _EDGE = 0.15
 
 def _has_read(flown: FlownMission, at: float) -> bool:
     """Return whether there was a reading of this flight before a time (s)."""
-    return any(reading.stamp < at for reading in flown.readings)
+    return first_at(flown.readings, at) > 0
 
 
-def _stamp(message: Pressure) -> float:
-    return message.stamp
+def _air(flown: FlownMission, at: float) -> float:
+    """Return the pressure (hPa) of the standard atmosphere where the vehicle was at a time (s)."""
+    return pressure_at(pose_at(flown.poses, at).position.z)
 
 
 def _is_off(found: float, expected: float, base: float) -> bool:
@@ -366,30 +366,27 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
         why = f"sensors/pressure shows {count} readings in {flown.poses[-1].stamp:g} s"
         return RowVerdict(False, f"{why}: {PRESSURE.hz:g} a second are expected")
 
-    def air(at: float) -> float:
-        return pressure_at(pose_at(flown.poses, at).position.z)
-
     # Models of the air differ by an offset, which the last reading without a baseline has.
-    for reading in flown.readings[: bisect_left(flown.readings, steps[0].at, key=_stamp)][-1:]:
-        offset = reading.pressure - air(reading.stamp)
+    for reading in flown.readings[: first_at(flown.readings, steps[0].at)][-1:]:
+        offset = reading.pressure - _air(flown, reading.stamp)
     for step, end in zip(steps, ends, strict=True):
         # The reading of the calibration's own period may have been on its way.
         after = [reading for reading in flown.readings if step.at + 0.1 < reading.stamp <= end]
         if not after and step is steps[-1]:
             return RowVerdict(False, f"sensors/pressure shows no reading after `{step}`")
+        zero = _air(flown, step.at)
         for reading in after:
-            shown, change = reading.pressure, air(reading.stamp) - air(step.at)
-            if not step.unset:
-                expected, base = change, row.within or _ZERO
-            else:
-                offset = shown - air(reading.stamp) if offset is None else offset
-                expected, base = air(reading.stamp) + offset, _ZERO
-            off = abs(shown - expected) > base + _MODEL * abs(change)
-            if off or (step.unset and abs(offset or 0.0) > _AIR):
+            shown, air = reading.pressure, _air(flown, reading.stamp)
+            level, base = 0.0, row.within or _ZERO
+            if step.unset:
+                offset = shown - air if offset is None else offset
+                level, base = zero + offset, _ZERO
+            wrong = step.unset and abs(offset or 0.0) > _AIR
+            if wrong or _is_off(shown - level, air - zero, base):
                 return RowVerdict(
                     False,
                     f"sensors/pressure shows {shown:g} hPa {reading.stamp - step.at:.1f} s after"
-                    f" `{step}`, not {expected:.6g}",
+                    f" `{step}`, not {level + air - zero:.6g}",
                 )
     return RowVerdict(True, f"sensors/pressure shows {shown:+.6f} hPa")
 

@@ -29,8 +29,6 @@ from quadctl.services.runtime.errors import Invalid
 _OURS = Path(__file__).parent / "solutions"
 _CRASH = re.compile(r"\w+ (crashed|failed|is blocked|is not ready|does not stay up)")
 """Start of a row's output on a node that has ended or failed."""
-_LATE = re.compile(r"\w+ is not ready: ")
-"""Start of a row's output on a node that has not started in time."""
 _EVERY = 20
 """Mutants for each line on the progress."""
 Outcome = Literal["lost", "crashed", "passed", "equivalent", "not judged"]
@@ -285,30 +283,19 @@ class Flights(NamedTuple):
         *,
         first_loss: bool,
     ) -> dict[str, Grade]:
-        """Return the grade of each hand-in by its name, in the rows about the nodes beside it.
-
-        A node may be late because the machine is busy: what did not start is flown once more.
-        """
+        """Return the grade of each hand-in by its name, in the rows about the nodes beside it."""
         found: dict[str, Grade] = {}
-
-        def fly(
-            nodes: frozenset[str], handins: list[HandIn], done: Callable[[Grade], None]
-        ) -> None:
+        for nodes in sorted({about for about, _ in handins}, key=sorted):
             grades = grading.grade(
-                handins,
+                [handin for about, handin in handins if about == nodes],
                 self.rows_about(nodes),
                 Limits(),
                 jobs=self.jobs,
                 machine=self.machine,
-                on_done=done,
+                on_done=on_done,
                 first_loss=first_loss,
             )
-            found.update({grade.submission: grade for grade in grades})
-
-        for nodes in sorted({about for about, _ in handins}, key=sorted):
-            some = [handin for about, handin in handins if about == nodes]
-            fly(nodes, some, lambda grade: None if _is_late(grade) else on_done(grade))
-            fly(nodes, [each for each in some if _is_late(found[each.name])], on_done)
+            found |= {grade.submission: grade for grade in grades}
         return found
 
 
@@ -350,10 +337,6 @@ def fly(
         [_judged(each, judged[each.name]) if each.name in judged else each for each in tried],
         [f"{row['number']} {row['name']}" for row in rows],
     )
-
-
-def _is_late(grade: Grade) -> bool:
-    return any(_LATE.match(test.output) for test in grade.tests if not test.ok)
 
 
 def _written(tried: Tried, solution: Path, target: Path) -> HandIn:

@@ -1,6 +1,5 @@
 """Trials of a rubric without flights: the mutants that are tried, and the report on them."""
 
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -99,13 +98,9 @@ def test_a_rubric_without_a_row_about_a_solution_is_refused(tmp_path: Path):
 
 
 def tried(
-    solution: HandIn, monkeypatch: pytest.MonkeyPatch, holds: Callable[[str], bool], late: float = 0
+    solution: HandIn, monkeypatch: pytest.MonkeyPatch, holds: Callable[[str], bool]
 ) -> tuple[trial.Trial, list[str]]:
-    """Try the rubric with a judge for whom a row holds if the text of all sources does.
-
-    The node of each text is `late` so many times.
-    """
-    starts = Counter[str]()
+    """Try the rubric with a judge for whom a row holds if the text of all sources does."""
 
     def flown(job: grading.GradingJob, made: Rubric, *_: object) -> list[RowResult]:
         text = "".join(
@@ -115,10 +110,7 @@ def tried(
         outputs = [*["safety crashed: x"] * len(made.rows)]
         if job.first_loss:
             outputs[:-1] = [grading.AFTER_LOSS] * (len(made.rows) - 1)
-        starts[text] += 1
-        if starts[text] <= late:
-            outputs = [*["safety is not ready: 1 of 3 nodes"] * len(made.rows)]
-        ok = starts[text] > late and holds(text)
+        ok = holds(text)
         return [
             RowResult(row.name, row.number, ok, float(ok), 1, output, True)
             for row, output in zip(made.rows, outputs, strict=True)
@@ -154,19 +146,6 @@ def test_mutants_that_pass_are_named_with_their_fault(
     ]
     assert (goal["row"], goal["outcome"]) == ("2 calibrates", "crashed")
     assert document["solutions"] == [{"name": "good", "ok": True, "problem": "", "lost": []}]
-
-
-def test_what_did_not_start_in_time_is_flown_once_more(
-    solution: HandIn, monkeypatch: pytest.MonkeyPatch
-):
-    done, notes = tried(solution, monkeypatch, lambda text: True, late=1)
-    assert {each.outcome for each in done.tried} == {"passed", "equivalent"}
-    assert (
-        notes[-1]
-        == f"{len(done.tried) - 1} of {len(done.tried) - 1} mutants flown, {len(done.tried) - 1} pass"
-    )
-    never, _ = tried(solution, monkeypatch, lambda text: True, late=2)
-    assert [grade.ok for grade in never.right] == [False]
 
 
 def test_a_right_solution_that_loses_is_reported_and_its_mutants_do_not_fly(

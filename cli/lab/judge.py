@@ -113,7 +113,6 @@ def fly(
     there = [flights for (node, _), flights in groups.items() if node in nodes]
     longest = max(there, key=len, default=[])
     hung: dict[str, str] = {}
-    late: set[str] = set()
     while pending:
         node, settings, flights = pending.popleft()
         if node not in nodes:
@@ -133,10 +132,7 @@ def fly(
         idle = ["pressure"] if node == "safety" else []  # no row about safety reads the barometer
         launch = Launch(name, {DEFAULT: own}, idle, str(folder), file, patient=True, guarded=True)
         run = _LabRun(launch, node, evidence / log_of(node) if evidence else None)
-        yield from run.fly(flights, until, last=node in late)
-        if run.starts_anew:
-            late.add(node)
-            pending.appendleft((node, settings, flights))
+        yield from run.fly(flights, until)
         if run.hangs:
             hung[node] = run.hangs
         if run.out_of_step:
@@ -159,15 +155,15 @@ class _LabRun:
     """Run with a student's node, in which rows are flown; `log` is a file for the node's lines.
 
     Afterwards `hangs` has why the node is waited for no more, empty if it is, and `out_of_step` the
-    rows to be flown again, slowly. With `starts_anew` none was flown: the node was not ready in time.
+    rows to be flown again, slowly.
     """
 
     def __init__(self, launch: Launch, name: str, log: Path | None) -> None:
-        self.hangs, self.out_of_step, self.starts_anew = "", list[_Flight](), False
+        self.hangs, self.out_of_step = "", list[_Flight]()
         self._launch, self._name, self._log, self._logged = launch, name, log, b""
 
-    def fly(self, flights: Sequence[_Flight], until: float, *, last: bool) -> Iterator[RowResult]:
-        """Fly rows up to a time; yield their results. Unless this start is the `last`, a late node has none."""
+    def fly(self, flights: Sequence[_Flight], until: float) -> Iterator[RowResult]:
+        """Fly rows up to a time; yield their results."""
         done, folder = 0, Path(self._launch.folder)
         try:
             with (
@@ -185,13 +181,9 @@ class _LabRun:
         except QuadctlError as problem:
             # The node did not start, or the run has gone: its rows give 0, the others are flown.
             self._logged += f"{problem.message}\n".encode()
-            is_late = f"{self._name} {NOT_READY}" in problem.message
-            if is_late and not last and not done:
-                self.starts_anew = True
-                return
             for row, _ in flights[done:]:
                 yield RowResult.without_flight(row, _with_cause(problem.message, folder))
-            if is_late:
+            if f"{self._name} {NOT_READY}" in problem.message:
                 self.hangs = f"not flown: {problem.message.splitlines()[0]}"
         finally:
             if self._log is not None:

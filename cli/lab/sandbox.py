@@ -44,6 +44,8 @@ _STRANGERS = 0x70000000
 _MEGABYTE = 1 << 20
 _LOOK = 0.1
 """Seconds between two looks at the memory of all its processes."""
+_SOON = 0.002
+"""Seconds between two looks for the hub's socket."""
 _DEVICES = ("null", "zero", "full", "random", "urandom")
 _SYSTEM = ("usr", "bin", "sbin", "lib", "lib32", "lib64", "etc/ld.so.cache", "etc/alternatives")
 """Folders and files of the system, below the root, for a program to start."""
@@ -241,12 +243,15 @@ def _copy_realm(realm: Path, own: Path, spec: dict[str, Any]) -> None:
     """Copy the run's parameters and the node's address, and show its hub's socket."""
     own.mkdir(parents=True, mode=0o700)
     seen = Path("/", own.relative_to(spec["root"])) if spec["namespaces"] else own
+    socket, shown = realm / "hub.sock", own / "hub.sock"
     for address in realm.glob("*.hub.json"):
-        text = address.read_text("utf-8").replace(f"{realm}/", f"{seen}/")
-        (own / address.name).write_text(text, "utf-8")
+        text = address.read_text("utf-8")
+        (own / address.name).write_text(text.replace(f"{realm}/", f"{seen}/"), "utf-8")
+        # The hub starts at the same time, and a socket that it makes later is not shown here any more.
+        while f"{socket}" in text and not socket.exists():
+            time.sleep(_SOON)
     if (realm / "params").is_dir():
         shutil.copytree(realm / "params", own / "params")
-    socket, shown = realm / "hub.sock", own / "hub.sock"
     if not socket.exists():
         return
     if spec["namespaces"]:

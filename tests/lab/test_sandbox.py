@@ -169,6 +169,30 @@ def test_a_node_is_another_user_where_the_machine_has_more(lab: Lab, complete: M
     assert more == (["hub"] if complete.user else ["mine", "read", "hub"]), done.err
 
 
+SEES_A_HUB = 'test -S "$XDG_RUNTIME_DIR"/quadctl/realm/hub.sock && echo hub'
+
+
+@pytest.mark.parametrize("namespaces", [True, False])
+def test_a_node_starts_when_its_hub_has_its_socket(
+    lab: Lab, complete: Machine, *, namespaces: bool
+):
+    machine = complete if namespaces else Machine(user=complete.user)
+    lab.folder.chmod(0o711)  # as /tmp, through which anybody may go
+    command = shut_in(lab, machine, "sh", "-c", SEES_A_HUB)
+    path = lab.folder / "own/realm/hub.sock"
+    (path.parent / "safety.hub.json").write_text(
+        f'{{"endpoint":"unixsock-stream/{path}"}}', "utf-8"
+    )
+    with (
+        socket.socket(socket.AF_UNIX) as hub,
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as node,
+    ):
+        with pytest.raises(subprocess.TimeoutExpired):
+            node.wait(0.5)
+        hub.bind(str(path))
+        assert node.communicate()[0] == "hub\n"
+
+
 EATS = """
 import os, time
 if os.fork() == 0:

@@ -34,10 +34,6 @@ def real_sensor(lab: Lab) -> tuple[Lab, Device]:
     return lab, device
 
 
-def log(lab: Lab) -> str:
-    return (lab.home / "logs" / "pressure.log").read_text(encoding="utf-8")
-
-
 def test_the_node_publishes_the_sensors_pressure_and_zeroes_it(real_sensor: tuple[Lab, Device]):
     lab, device = real_sensor
     with lab.bare() as bare:
@@ -76,13 +72,13 @@ def test_a_garbled_file_ends_the_node_and_a_repaired_one_revives_it(
         said = (
             f"error: {device.folder}/in_pressure_input holds 'garbage\\n': not one complete number"
         )
-        eventually(lambda: said in log(lab))
+        eventually(lambda: said in lab.log("pressure"))
         device.write("90.000000000\n")
         lab.revived("pressure", old)
         readings.until(lambda r: r["pressure"] == 900)
         # Only values that the sensor had are published.
         assert {r["pressure"] for r in readings.messages[seen:]} <= {1000, 900}
-    assert "restarted: the baseline is 0 again" in log(lab)
+    eventually(lambda: "restarted: the baseline is 0 again" in lab.log("pressure"))
 
 
 @pytest.mark.thorough
@@ -101,12 +97,12 @@ def test_a_bad_or_missing_file_stops_publishing_until_a_restart(
         seen = len(readings.messages)
         for text, said in spoilt.items():
             device.write(text)
-            eventually(lambda: said in log(lab))  # noqa: B023 - called at once
+            eventually(lambda: said in lab.log("pressure"))  # noqa: B023 - called at once
             device.write("95.000000000\n")
             assert lab.quadctl("node", "restart", "pressure").code == 0
             assert readings.next()[0]["pressure"] == 950
         (device.folder / "in_pressure_input").unlink()
-        eventually(lambda: "neither in_pressure_input nor in_pressure_raw" in log(lab))
+        eventually(lambda: "neither in_pressure_input nor in_pressure_raw" in lab.log("pressure"))
         # Another driver: a raw count and a scale. The count comes last, when the scale is in place.
         device.write("0.001000000\n", "in_pressure_scale")
         device.write("80000\n", "in_pressure_raw")

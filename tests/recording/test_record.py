@@ -237,8 +237,7 @@ def test_a_restarted_recorder_of_a_run_uses_a_new_file(lab: Lab):
     second = lab.folder / "run-1.mcap"
     eventually(lambda: "uav/pose" in keys(second))
     assert lab.nodes()["safety"]["restarts"] == 0
-    log = (lab.home / "logs" / "recorder.log").read_text()
-    assert f"recording to {second}" in log
+    eventually(lambda: f"recording to {second}" in lab.log("recorder"))
     assert lab.quadctl("down").code == 0
     assert lab.quadctl("bag", "check", second).code == 0
     assert lab.quadctl("bag", "repair", first).code == 0

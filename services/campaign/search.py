@@ -6,18 +6,17 @@ because vehicles with equal constants fly faster together. A run begins with ran
 worst of them is its first mean. It ends when it gets stuck, or is behind most others of its age; then
 a new one begins elsewhere, in the surroundings of the worst flight, or at that flight itself.
 
-The library is `cmaes`: MIT, pure Python on numpy, no other requirement. It is imported in 5 ms, or in 0.6 s
-where scipy is installed, which it then imports.
+The library is `cmaes`: MIT, pure Python on numpy, no other requirement. It is imported with the first
+run: in 5 ms, or in 0.6 s where scipy is installed, which it then imports.
 """
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from math import cos, pi, sin
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from cmaes import CMA
 from msgspec import Struct, inspect, structs, to_builtins
 
 from quadctl.schemas.params import (
@@ -47,6 +46,9 @@ from quadctl.services.campaign.mission import (
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.watch import Floats
 from quadctl.services.runtime.params.names import flatten
+
+if TYPE_CHECKING:
+    from cmaes import CMA
 
 CAGES: tuple[Point, ...] = (
     (0.25, 0.25, 0.5), (0.5, 0.5, 1.0), (1.0, 1.0, 2.0), (2.5, 2.5, 5.0), (5.0, 5.0, 10.0),
@@ -212,7 +214,9 @@ class _Run:
         assert self._cma is not None  # noqa: S101 - called after `tell`
         return self.age - self._improved > _PATIENCE or bool(self._cma.should_stop())
 
-    def _begun(self, mean: Floats, sigma: float) -> CMA:
+    def _begun(self, mean: Floats, sigma: float) -> "CMA":
+        from cmaes import CMA
+
         # Without bounds: decoding clips, and a goal on a wall may be anywhere beyond it.
         return CMA(mean.copy(), sigma, seed=self._seed, population_size=POPULATION)
 

@@ -119,6 +119,7 @@ def test_goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside(fast
             if not low - margin <= p[axis] <= high + margin] == []  # fmt: skip
 
 
+@pytest.mark.thorough
 def test_a_mission_of_thousands_of_rows_flies_whole(fast: Lab):
     row = "{{ at = {}, do = 'goto', replace = true, x = {}, y = 0, z = 1 }}"
     rows = ",".join(row.format(2 + n / 20, n % 5 / 2) for n in range(3000))

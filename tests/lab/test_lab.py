@@ -97,6 +97,7 @@ def test_all_of_the_labs_text_can_be_graded(lab: Lab):
     assert "own/toggle" in found["completed"]["6.8"]
 
 
+@pytest.mark.thorough
 def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
     files = {path.name: path.read_bytes() for path in write("completed", lab.folder).iterdir()}
     broken = flipped(zipped(files, zipfile.ZIP_STORED), 200)
@@ -124,6 +125,7 @@ def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
     assert rows[1]["comment"].startswith("not gradable: it is damaged: Bad CRC-32")
 
 
+@pytest.mark.thorough
 def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
     expected = {"completed": 37, "no_baseline": 34, "never_arrives": 9}
     assert {name: promised()[name] for name in expected} == expected
@@ -166,7 +168,11 @@ def test_a_wrong_call_is_refused(lab: Lab, words: str, code: int, error: str):
     [
         ("", "names no node under [processes]"),
         ('[processes]\ndynamics = "python x.py"\n', "processes.dynamics: the lab flies its own"),
-        ('[processes]\nsafety = "nothere x.py"\n', "nothere was not found"),
+        pytest.param(
+            '[processes]\nsafety = "nothere x.py"\n',
+            "nothere was not found",
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_only_safety_and_pressure_may_be_handed_in(lab: Lab, text: str, error: str):

@@ -91,6 +91,7 @@ print("SEES", os.path.exists({secret!r}), os.environ.get("SECRET"), flush=True)
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("sandbox")
 def test_a_check_has_the_sandbox_of_the_grade(lab: Lab):
     mine = write("completed", lab.folder)

@@ -104,6 +104,7 @@ def test_a_signal_ends_a_replay_with_its_own_hub(lab: Lab, number: int):
     eventually(lab.is_gone)
 
 
+@pytest.mark.thorough
 def test_a_replay_beside_a_live_vehicle_is_refused(shared_lab: Lab):
     file = write(shared_lab.folder / "live.mcap", [raw_message("uav/mine", b"x", 0, "text/plain")])
     with shared_lab.bare() as bare:

@@ -51,6 +51,7 @@ def mission(side: tuple[float, float, float], distance: float) -> Mission:
     return Mission(0, END, safety, DynamicsParams(start=StartParams(*MIDDLE)), rows)
 
 
+@pytest.mark.thorough
 def test_a_vehicle_outside_hovers_accepts_goals_inside_and_returns():
     places = list(product(SIDES, DISTANCES))
     batch = Batch([mission(side, distance) for side, distance in places], Plain)
@@ -85,6 +86,7 @@ def test_flights_have_no_violation(flown: list[Flown]):
     assert sum(flight.transitions.get("VERIFYING -> HOVERING", 0) for flight in flown) > 5
 
 
+@pytest.mark.thorough
 def test_enabling_or_shrinking_the_cage_raises_no_alarm():
     module = compiled_kernel()
     some = missions(range(100, 400), 20.0)

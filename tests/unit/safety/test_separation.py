@@ -47,6 +47,7 @@ def samples(piece: Piece, steps: int) -> np.ndarray:
     1.0,
     1.0,
 )
+@pytest.mark.thorough
 @given(LINES | boxes(), LINES | boxes(), st.floats(0.2, 2), st.floats(0.2, 2))
 def test_the_distance_is_that_of_the_nearest_points(a: Piece, b: Piece, across: float, tall: float):
     found = distance((a,), (b,), across, tall)

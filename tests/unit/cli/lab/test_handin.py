@@ -6,8 +6,10 @@ import lzma
 import os
 import random
 import socket
+import struct
 import tarfile
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -155,6 +157,10 @@ def test_only_the_members_of_an_export_are_copied(tmp_path: Path):
 BIG = {"big": bytes(20_000)}
 MANY = {f"n{number}": b"" for number in range(20)}
 BOMB = tarred({"my_safety.py": bytes(1 << 19)}, "w:gz")
+XZ = lzma.compress(tarred())
+BLOCK = XZ[12:16] + b"\x24" + XZ[17:20]
+LARGE = XZ[:12] + BLOCK + struct.pack("<I", zlib.crc32(BLOCK)) + XZ[24:]
+"""Archive of which the header of a block asks for a dictionary of 1 GB."""
 LOCKED = replaced(zipped(), b"\x14\x00\x00\x00\x08\x00", b"\x14\x00\x01\x00\x08\x00")
 """Zip file whose headers have the mark of a password."""
 REFUSED: dict[str, tuple[str, bytes, str]] = {
@@ -215,7 +221,7 @@ REFUSED: dict[str, tuple[str, bytes, str]] = {
     "tar of too much junk": ("a.tgz", tarred({"flight.mcap": bytes(2 << 20)}, "w:gz"), "it takes more than 1 MB"),
     "too many entries": ("a.zip", zipped({f"env/{n}": b"" for n in range(101)}), "it has more than 100 entries"),
     "directory too large": ("a.zip", zipped({f"env/{n:0200}": b"" for n in range(90)}), "damaged: its directory is too large"),
-    "large dictionary": ("a.tar.xz", lzma.compress(tarred(), filters=[{"id": lzma.FILTER_LZMA2, "dict_size": 1 << 30}]), "damaged: Memory"),
+    "large dictionary": ("a.tar.xz", LARGE, "damaged: Memory"),
     "gz without a tar": ("a.gz", gzip.compress(b"x" * 2000), "damaged: "),
 }  # fmt: skip
 

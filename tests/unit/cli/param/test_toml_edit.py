@@ -55,6 +55,7 @@ def test_missing_values_are_added_and_the_rest_is_kept(before: str):
     )  # fmt: skip
 
 
+@pytest.mark.thorough
 @settings(max_examples=40)
 @given(changed_values(), st.sampled_from([render(), "", render().replace("\n", "\r\n")]))
 def test_any_set_of_values_is_written(values: dict[str, Any], before: str):

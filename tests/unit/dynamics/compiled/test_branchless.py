@@ -11,7 +11,9 @@ from quadctl.services.dynamics.vehicle import Vehicle, constants_of
 from tests.unit.dynamics.compiled.test_fleet import vehicles
 
 
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize(
+    "number", [0, *(pytest.param(number, marks=pytest.mark.thorough) for number in (1, 2))]
+)
 def test_each_step_equals_the_trajectory_to_the_bit_or_is_rare(number: int):
     draws, params = random.Random(number), vehicles(3, 7)[number]
     vehicle, limits, found = Vehicle(params), constants_of(params)[3], Counter[float]()

@@ -101,6 +101,8 @@ def test_hold_ends_a_waiting_goto_and_the_vehicle_stays_there(shared_lab: Lab, h
     # So slow that the flight lasts longer than the start of a command on a busy machine.
     slow = {"dynamics.control.max_speed": 1.0}
     assert hover.call("dynamics/set_params", values=slow).value["success"]
+    # A vehicle that still moves from its start takes a limit over when it rests.
+    eventually(lambda: "in_force" not in hover.call("dynamics/get_params", names=[*slow]).value)
     waiting = shared_lab.spawn(*QUADCTL, "goto", "-4.5", "-4.5", "4")
     poses.until(lambda p: speed(p) > 0.9)
     asked_at = poses.messages[-1]["position"]

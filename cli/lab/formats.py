@@ -226,7 +226,7 @@ def _junit(grades: Sequence[Grade]) -> str:
             case = ET.SubElement(suite, "testcase", classname=name, name=test.name, time="0")
             if not test.ok:
                 failure = ET.SubElement(case, "failure", message=_printable(_line(test)))
-                failure.text = _printable(_with_hint(test.output, test))
+                failure.text = _printable(_with_hint(shown(test), test))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -249,7 +249,7 @@ def _printable(words: str) -> str:
 
 
 def _line(test: RowResult) -> str:
-    return f"{test.number} {test.name}: {first_line(test.output)}"
+    return f"{test.number} {test.name}: {first_line(shown(test))}"
 
 
 def _with_hint(output: str, test: RowResult) -> str:

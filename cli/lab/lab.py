@@ -146,6 +146,10 @@ def grade(
         list[str] | None,
         Option("Grade only the row with this number; repeat it for more.", metavar="NUMBER"),
     ] = None,
+    student: Annotated[
+        list[str] | None,
+        Option("Grade only this student of an export; repeat it for more.", metavar="NAME"),
+    ] = None,
     seed: Annotated[
         int | None,
         Option(
@@ -170,6 +174,8 @@ def grade(
     from quadctl.cli.lab.rubric import drawn, selected
 
     handins = _handins(submissions or [], format)
+    if student:
+        handins = _of(student, handins)
     record = _record(report, rubric, seed)
     chosen = selected(record.rubric, row) if row else record.rubric
     rows = drawn(chosen, record.seed)
@@ -231,6 +237,18 @@ def _handins(submissions: list[str], form: str) -> "list[HandIn]":
     if len(paths) == 1 and not formats.is_of_one(form):
         return exports.handins_in(paths[0])
     return [HandIn(encodable(str(path)), path) for path in paths]
+
+
+def _of(names: list[str], handins: "list[HandIn]") -> "list[HandIn]":
+    """Return the hand-ins of the students with these names; raise Invalid for a name that none has."""
+    from quadctl.cli.lab.formats import students
+
+    found = dict(zip(students([each.name for each in handins]), handins, strict=True))
+    for name in names:
+        if name not in found:
+            hint = nearest(name, found) or f"one of {', '.join(list(found)[:5])}"
+            raise Invalid(f"--student {name}: no hand-in is of that name", hint)
+    return [found[name] for name in dict.fromkeys(names)]
 
 
 def _record(report: Path | None, rubric: Path | None, seed: int | None) -> "ClassRecord":

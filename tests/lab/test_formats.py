@@ -251,8 +251,8 @@ def test_junit_is_read_by_a_reader_of_its_own():
     passed, failed = ada
     assert (passed.classname, passed.name, passed.is_passed) == ("ada.zip", "flies", True)
     (failure,) = failed.result
-    assert failure.message == "2 refuses: was accepted"
-    assert failure.text == "was accepted\nsafety: x\nhint: compare"
+    assert failure.message == "2 refuses: not shown: a hidden row"
+    assert failure.text == "not shown: a hidden row\nhint: compare"
     counted = (found.tests, found.failures, found.errors)
     found.update_statistics()
     assert counted == (found.tests, found.failures, found.errors) == (3, 1, 0)

@@ -123,6 +123,12 @@ def test_a_broken_zip_in_a_classs_export_costs_nobody_else_a_mark(lab: Lab):
         ("Ada_1", "1"), ("Bob_2", "0"), ("Cleo_3", "1"),
     ]  # fmt: skip
     assert rows[1]["comment"].startswith("not gradable: it is damaged: Bad CRC-32")
+    one = "lab", "grade", export, "--rubric", rubric, "--trust", "--json", "--student"
+    alone = lab.quadctl(*one, "Cleo_3", timeout=60.0)
+    assert [each["submission"] for each in alone.json] == [f"{export}/Cleo_3"]
+    assert (
+        lab.quadctl(*one, "Cleo").error["message"] == "--student Cleo: no hand-in is of that name"
+    )
 
 
 @pytest.mark.thorough

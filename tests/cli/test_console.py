@@ -32,7 +32,7 @@ SOCKET = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 def two_vehicles() -> Iterator[Lab]:
     """System with two vehicles."""
     with private_lab() as made:
-        made.start("--vehicles", 2)
+        made.start("--vehicles", 2, "--set", "dynamics.start.z=1")  # no take-off under way
         yield made
 
 

@@ -48,7 +48,7 @@ MISTAKES = {
     ),
     "accepts_the_far_side": Mistake(
         "safety", "abs(point.x) <= cage.x and abs(point.y)", "point.x <= cage.x and point.y",
-        _costs("2.6", "2.8", "5.1"),
+        _costs("1.1", "2.6", "2.8", "5.1"),
     ),
     "never_arrives": Mistake(
         "safety", "Setpoint(pose.boot, pose.seq, self.goal,", "Setpoint(pose.boot, pose.seq, self.home,",

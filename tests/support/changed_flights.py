@@ -6,8 +6,8 @@ from typing import NamedTuple
 from quadctl.schemas.messages import CageSize, Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import ZoneParams
+from quadctl.services.airspace.zones import Region
 from quadctl.services.safety.cage import beyond
-from quadctl.services.safety.zones import Region
 from tests.support.evolved import evolve
 from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, periods, random_height
 from tests.support.zone_flights import random_zone

@@ -51,6 +51,8 @@ from msgspec.structs import asdict, astuple, replace
 from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import ZoneParams
+from quadctl.services.airspace.separation import How, Neighbour
+from quadctl.services.airspace.zones import Box, Nearest, Region
 from quadctl.services.safety import automaton, cage, monitor, way
 from quadctl.services.safety.model import (
     Booted,
@@ -69,8 +71,6 @@ from quadctl.services.safety.model import (
     World,
 )
 from quadctl.services.safety.monitor import Monitor
-from quadctl.services.safety.separation import How, Neighbour
-from quadctl.services.safety.zones import Box, Nearest, Region
 from tests.support.symbolic import (
     FLOAT,
     OPAQUE,

@@ -4,8 +4,8 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
 from quadctl.schemas.zones import ZoneParams
+from quadctl.services.airspace.zones import Region
 from quadctl.services.safety.model import Envelope, Goto, Situation, State, World
-from quadctl.services.safety.zones import Region
 
 HOVERING, VERIFYING, MOVING = State
 

@@ -7,7 +7,7 @@ from math import inf
 from quadctl.schemas.messages import Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.safety.zones import Region
+from quadctl.services.airspace.zones import Region
 from tests.support.evolved import evolve
 from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods, random_height
 

@@ -393,13 +393,13 @@ WIND = "it cannot hold itself: wind of 10 m/s"
 
 def test_a_vehicle_that_lands_by_itself_is_stopped_and_takes_no_goal():
     rig = Rig().moving()
-    rig.monitor.lands(WIND)
+    rig.monitor.set_landing(WIND)
     assert (rig.state.state, rig.state.reason) == ("HOVERING", f"stopped and landing, {WIND}")
     assert rig.monitor.setpoint().brake
     published = len(rig.published)
-    rig.monitor.lands(WIND)
+    rig.monitor.set_landing(WIND)
     assert len(rig.published) == published
     assert rig.monitor.goto(OTHER) == f"the vehicle lands: {WIND}"
     assert rig.at(ONE_UP).state == "HOVERING"
-    rig.monitor.lands("")
+    rig.monitor.set_landing("")
     assert rig.monitor.goto(OTHER) == ""

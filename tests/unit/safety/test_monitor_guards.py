@@ -210,10 +210,10 @@ def test_a_declared_reaction_is_a_part_of_the_way_to_a_stop():
 def test_the_least_acceleration_since_the_boot_is_how_gently_a_vehicle_may_brake():
     rig = Rig().hovering()
     assert gentle(rig.monitor.envelope) == 0.5
-    rig.monitor.flies_with(0.2)
+    rig.monitor.set_acceleration(0.2)
     assert gentle(rig.monitor.envelope) == 0.1
     # Until its next standstill the vehicle flies by the old value.
-    rig.monitor.flies_with(5.0)
+    rig.monitor.set_acceleration(5.0)
     assert gentle(rig.monitor.envelope) == 0.1
     rig.at(ONE_UP, boot="b2")
     assert gentle(rig.monitor.envelope) == 0.5

@@ -8,9 +8,9 @@ import pytest
 
 from quadctl.schemas.messages import Position
 from quadctl.schemas.zones import CircleParams, ZoneParams
+from quadctl.services.airspace.zones import Region
 from quadctl.services.safety import automaton
 from quadctl.services.safety.model import State
-from quadctl.services.safety.zones import Region
 from tests.support.proofs import Proofs
 from tests.support.zone_flights import ZoneFlight, drawn_flight, search, worst
 

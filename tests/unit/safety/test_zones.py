@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from quadctl.schemas.messages import Position
 from quadctl.schemas.zones import CircleParams, ZoneParams, why_not_simple
-from quadctl.services.safety.route import cuts
-from quadctl.services.safety.zones import (
+from quadctl.services.airspace.routes import cuts
+from quadctl.services.airspace.zones import (
     Region,
     contains,
     crosses,

@@ -36,7 +36,7 @@ some 50 ms, less than a setpoint may be late."""
 Corner = tuple[float, float]
 
 
-class Route(NamedTuple):
+class FlightPath(NamedTuple):
     """Points (m) that a vehicle flies to, one by one, each from rest.
 
     It begins straight from `origin`, or with a curve in the box `reach`. With `begun`, the vehicle
@@ -91,7 +91,7 @@ def bend(*points: Point) -> Box:
     return around(*points, *((x, y, max(z, HOP)) for x, y, z in points))
 
 
-def why_barred(route: Route, region: Region) -> str:
+def why_barred(route: FlightPath, region: Region) -> str:
     """Return which zone bars a route or its end; empty for none."""
     if not region:
         return ""

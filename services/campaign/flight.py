@@ -441,9 +441,12 @@ class Departure:
 
     def is_due(self, pose: Pose, size: Point) -> bool:
         """Return whether the vehicle can no longer stop within the limit and the margin."""
-        place = stopping.soonest_stop(pose, self._params.max_deceleration, self._params.reaction)
+        # Written once more: safety's own may be what is wrong.
+        k, t = 0.5 / self._params.max_deceleration, self._params.reaction
+        motion = zip(place_of(pose), velocity_of(pose), strict=True)
+        x, y, z = (p + t * v + k * v * abs(v) for p, v in motion)
         limit = self.allowed + self._params.margin + ROUNDING
-        return stopping.outside(*place, *size) > limit
+        return stopping.outside(x, y, z, *size) > limit
 
     def confine(self, last: Pose, pose: Pose, size: Point) -> None:
         """Set the limit when the cage changes, from safety's last two poses."""

@@ -5,7 +5,7 @@
 Theory of operation. `step` takes the situation (all that is remembered), an event, and the world (the
 newest pose, the cage, the zones, other vehicles), and returns the next situation. RULES is the whole
 table: in a state, on an event, the first rule with a condition that holds says which state is next, and
-which action makes the situation. The three states are the lab's; `Phase` in model.py has what is behind
+which action makes the situation. The three states are the lab's; `FlightPhase` in model.py has what is behind
 them, e.g. whether a vehicle that hovers still brakes. A request is VERIFYING between Goto, which takes it
 up, and Check, which brings the verdict of `verify` in motion.py: so a flight goes on until another goal is
 accepted, and a refusal changes nothing but the reason.
@@ -32,13 +32,13 @@ from quadctl.services.safety.model import (
     Booted,
     Check,
     Event,
+    FlightPhase,
     Gone,
     Goto,
     Halted,
     Hold,
     Lagged,
     Lost,
-    Phase,
     Resized,
     Seen,
     Situation,
@@ -116,8 +116,8 @@ def pause(s: Situation, e: Event, w: World) -> Situation:
     """Brake to the stopping point, until poses come again."""
     assert isinstance(e, Lost)  # noqa: S101 - RULES pairs this action with Lost alone
     after = _stopped(s, w, f"{PAUSED}no pose for {e.limit:g} s")
-    after = replace(after, reach=s.reach, corners=s.corners, legs=s.legs, phase=Phase.PAUSED)
-    return replace(after, paused=Goto(s.goal, takeoff=s.phase is Phase.TAKING_OFF))
+    after = replace(after, reach=s.reach, corners=s.corners, legs=s.legs, phase=FlightPhase.PAUSED)
+    return replace(after, paused=Goto(s.goal, takeoff=s.phase is FlightPhase.TAKING_OFF))
 
 
 def resume(s: Situation, _e: Event, w: World) -> Situation:
@@ -135,7 +135,7 @@ def note(s: Situation, e: Event, _w: World) -> Situation:
 
 def arrive(s: Situation, _e: Event, _w: World) -> Situation:
     """Hold the goal, ready for the next one."""
-    return replace(s, phase=Phase.HOLDING, reason="", legs=0)
+    return replace(s, phase=FlightPhase.HOLDING, reason="", legs=0)
 
 
 def stop(s: Situation, e: Event, w: World) -> Situation:
@@ -169,7 +169,7 @@ def stop_pose_jump(s: Situation, _e: Event, w: World) -> Situation:
 
 def settle(s: Situation, _e: Event, w: World) -> Situation:
     """End a stop: the goal is the place where it ended."""
-    return replace(s, goal=w.place, phase=Phase.STOPPED)
+    return replace(s, goal=w.place, phase=FlightPhase.STOPPED)
 
 
 def toggle(s: Situation, e: Event, w: World) -> Situation:
@@ -197,11 +197,11 @@ def reboot(s: Situation, e: Event, w: World) -> Situation:
     """Drop the goal, and stay where the new boot is."""
     assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
     s = _stopped(_caged(s, w), w, e.reason)
-    return replace(s, boot=w.pose.boot, phase=Phase.STOPPED, commanded=-inf)
+    return replace(s, boot=w.pose.boot, phase=FlightPhase.STOPPED, commanded=-inf)
 
 
-def _flight(request: Goto) -> Phase:
-    return Phase.TAKING_OFF if request.takeoff else Phase.FLYING
+def _flight(request: Goto) -> FlightPhase:
+    return FlightPhase.TAKING_OFF if request.takeoff else FlightPhase.FLYING
 
 
 def _caged(s: Situation, w: World) -> Situation:
@@ -211,7 +211,7 @@ def _caged(s: Situation, w: World) -> Situation:
 
 def _stopped(s: Situation, w: World, reason: str) -> Situation:
     s = replace(s, reach=motion(s), corners=(), legs=0, commanded=w.pose.stamp, goal=w.place)
-    return replace(s, phase=Phase.STOPPING, candidate=None, paused=None, reason=reason)
+    return replace(s, phase=FlightPhase.STOPPING, candidate=None, paused=None, reason=reason)
 
 
 def _end_pause(s: Situation) -> Situation:
@@ -223,7 +223,7 @@ def _unpaused(s: Situation) -> Situation:
     """Return the situation without a paused flight, which still brakes."""
     if not s.paused:
         return s
-    return replace(s, phase=Phase.STOPPING, paused=None, reach=motion(s), corners=(), legs=0)
+    return replace(s, phase=FlightPhase.STOPPING, paused=None, reach=motion(s), corners=(), legs=0)
 
 
 def _moved(w: World) -> float:
@@ -243,7 +243,7 @@ def blind(_s: Situation, _e: Event, w: World) -> bool:
 
 def may_replace(s: Situation, e: Event, _w: World) -> bool:
     """Return whether the present flight may be replaced: a take-off, or on request."""
-    return s.phase is Phase.TAKING_OFF or (isinstance(e, Goto) and e.replace)
+    return s.phase is FlightPhase.TAKING_OFF or (isinstance(e, Goto) and e.replace)
 
 
 def permitted(_s: Situation, e: Event, _w: World) -> bool:
@@ -253,7 +253,7 @@ def permitted(_s: Situation, e: Event, _w: World) -> bool:
 
 def from_flight(s: Situation, _e: Event, _w: World) -> bool:
     """Return whether the request came while another goal was being flown."""
-    return s.flies
+    return s.flies and s.candidate is not None
 
 
 def arrived(s: Situation, _e: Event, w: World) -> bool:

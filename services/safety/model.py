@@ -1,5 +1,6 @@
 """Data of the automaton: its states, events, world and situation."""
 
+from collections.abc import Sequence
 from enum import Enum
 from math import inf
 
@@ -8,7 +9,7 @@ from msgspec import Struct
 from quadctl.schemas.messages import CageSize, Pose
 from quadctl.services.airspace import stopping
 from quadctl.services.airspace.geometry import Box, Point, place_of
-from quadctl.services.airspace.routes import Route
+from quadctl.services.airspace.routes import FlightPath
 from quadctl.services.airspace.separation import Neighbour
 from quadctl.services.airspace.stopping import Envelope
 from quadctl.services.airspace.zones import Region
@@ -24,8 +25,8 @@ class State(Enum):
     MOVING = 3
 
 
-class Phase(Enum):
-    """Phase of the vehicle's motion; while it is none of a flight, it is published as HOVERING."""
+class FlightPhase(Enum):
+    """FlightPhase of the vehicle's motion; while it is none of a flight, it is published as HOVERING."""
 
     HOLDING = "holds its goal"
     STOPPED = "holds the place where its stop has ended"
@@ -43,21 +44,21 @@ class Goto(Struct, frozen=True):
     takeoff: bool = False
 
 
-class Verdict(Struct, frozen=True):
-    """Verdict on the candidate: the route to it, and why it is not flown, empty if it is.
+class GoalVerdict(Struct, frozen=True):
+    """GoalVerdict on the candidate: the route to it, and why it is not flown, empty if it is.
 
     If that is for other vehicles alone, they are `near`.
     """
 
-    route: Route
+    route: FlightPath
     why: str = ""
-    near: tuple[Neighbour, ...] = ()
+    near: Sequence[Neighbour] = ()
 
 
 class Check(Struct, frozen=True):
     """End of the verification of the candidate."""
 
-    verdict: Verdict
+    verdict: GoalVerdict
 
 
 class Seen(Struct, frozen=True):
@@ -161,7 +162,7 @@ class Situation(Struct, frozen=True):
 
     goal: Point
     cage_on: bool
-    phase: Phase = Phase.STOPPED
+    phase: FlightPhase = FlightPhase.STOPPED
     candidate: Goto | None = None
     boot: str = ""
     request: int = 0
@@ -185,17 +186,17 @@ class Situation(Struct, frozen=True):
     @property
     def flies(self) -> bool:
         """Return whether it is on its way to a goal."""
-        return self.phase is Phase.FLYING or self.phase is Phase.TAKING_OFF
+        return self.phase is FlightPhase.FLYING or self.phase is FlightPhase.TAKING_OFF
 
     @property
     def stops(self) -> bool:
         """Return whether it brakes, and has not come to rest."""
-        return self.phase is Phase.STOPPING or self.phase is Phase.PAUSED
+        return self.phase is FlightPhase.STOPPING or self.phase is FlightPhase.PAUSED
 
     @property
     def brake(self) -> bool:
         """Return whether it holds its own stopping point."""
-        return self.stops or self.phase is Phase.STOPPED
+        return self.stops or self.phase is FlightPhase.STOPPED
 
     @property
     def leg(self) -> int:

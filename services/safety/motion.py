@@ -14,7 +14,7 @@ from quadctl.services.airspace.geometry import Box, Piece, Point, Space, around,
 from quadctl.services.airspace.routes import (
     LOW,
     NEAR,
-    Route,
+    FlightPath,
     bend,
     legs,
     line,
@@ -23,9 +23,9 @@ from quadctl.services.airspace.routes import (
     why_barred,
     why_crossed,
 )
-from quadctl.services.airspace.separation import conflicts, why_near
+from quadctl.services.airspace.separation import Neighbour, conflicts, why_near
 from quadctl.services.airspace.stopping import LAGS, REACTION, SLACK, at_rest, stops_in
-from quadctl.services.safety.model import Phase, Situation, Verdict, World
+from quadctl.services.safety.model import FlightPhase, GoalVerdict, Situation, World
 
 _PART = 0.25
 """Part of a short leg: before that leg, a vehicle rests at no more than this distance from its end, too."""
@@ -64,7 +64,7 @@ def stays(s: Situation, w: World) -> bool:
     return not (s.flies or s.stops) and rest_of(s, w) in {Rest.NEAR, Rest.SETTLED}
 
 
-def verify(s: Situation, goal: Point, w: World, *, direct: bool = False) -> Verdict:
+def verify(s: Situation, goal: Point, w: World, *, direct: bool = False) -> GoalVerdict:
     """Return the verdict on a goal: inside the box, free of zones, and apart from other vehicles.
 
     The box is convex: the straight way there stays inside, or comes nearer at every step. Zones are
@@ -76,15 +76,21 @@ def verify(s: Situation, goal: Point, w: World, *, direct: bool = False) -> Verd
     elif not (why := why_outside(goal, w.cage)):
         route, why = _among_zones(route, w, direct=direct)
     if why:
-        return Verdict(route, why)
-    near = conflicts(w.place, space_of(route, s, w), w.others) if w.others else []
-    if near:
-        return Verdict(route, why_near(near), tuple(near))
+        return GoalVerdict(route, why)
+    if near := too_near(route, s, w):
+        return GoalVerdict(route, why_near(near), near)
+    if all(isfinite(number) for point in (*route.corners, goal) for number in point):
+        return GoalVerdict(route)
     # A goal that is no number is in no cage, on or off.
-    return Verdict(route, "" if all(map(isfinite, goal)) else why_outside(goal, w.cage))
+    return GoalVerdict(route, why_outside(goal, w.cage) or "the goal is no place")
 
 
-def _among_zones(route: Route, w: World, *, direct: bool) -> tuple[Route, str]:
+def too_near(route: FlightPath, s: Situation, w: World) -> list[Neighbour]:
+    """Return the vehicles that a route comes too near."""
+    return conflicts(w.place, space_of(route, s, w), w.others) if w.others else []
+
+
+def _among_zones(route: FlightPath, w: World, *, direct: bool) -> tuple[FlightPath, str]:
     """Return the route, or one around zones, and why that is barred; empty if it is not."""
     why, searched = _why_not(route, w), False
     is_open = direct or route.turns or not w.region or w.region.why_inside(route.points[-1])
@@ -100,12 +106,12 @@ def _among_zones(route: Route, w: World, *, direct: bool) -> tuple[Route, str]:
     return route, f"{why}; no way around it was found" if why and searched else why
 
 
-def _why_not(route: Route, w: World) -> str:
+def _why_not(route: FlightPath, w: World) -> str:
     outside = (why_outside(corner, w.cage) for corner in route.points[:-1])
     return next(filter(None, outside), "") or why_barred(route, w.region)
 
 
-def _route_to(s: Situation, goal: Point, w: World) -> Route:
+def _route_to(s: Situation, goal: Point, w: World) -> FlightPath:
     """Return the route to a goal.
 
     A vehicle that comes to rest anyway goes on from there, unless a curve is clear of zones and
@@ -113,18 +119,18 @@ def _route_to(s: Situation, goal: Point, w: World) -> Route:
     """
     if not (s.flies or s.stops) and rest_of(s, w) is Rest.SETTLED:
         origin = w.place if s.brake else s.goal
-        return Route(origin, rise(origin, goal), (goal,))
+        return FlightPath(origin, rise(origin, goal), (goal,))
     low, high = _stop_box(s, w)
     reach = bend(low, high, goal)
-    curve = Route(w.place, reach, (goal,), turns=True)
-    comes_to_rest = s.phase is Phase.HOLDING or s.phase is Phase.TAKING_OFF
+    curve = FlightPath(w.place, reach, (goal,), turns=True)
+    comes_to_rest = s.phase is FlightPhase.HOLDING or s.phase is FlightPhase.TAKING_OFF
     barred = s.cage_on and w.region.why_overlaps(reach)
     if comes_to_rest and (barred or conflicts(w.place, space_of(curve, s, w), w.others)):
-        return Route(s.origin, s.reach, (s.goal, goal), begun=True)
+        return FlightPath(s.origin, s.reach, (s.goal, goal), begun=True)
     return curve
 
 
-def _via(route: Route, corners: tuple[Point, ...]) -> Route:
+def _via(route: FlightPath, corners: tuple[Point, ...]) -> FlightPath:
     """Return a route from rest that leads by corners."""
     points = (*route.points[:-1], *corners, route.points[-1])
     reach = route.reach if route.begun else rise(route.origin, points[0])
@@ -140,7 +146,7 @@ def _stop_box(s: Situation, w: World) -> Box:
     return stops_in(w.pose, w.last, w.envelope, motion(s), slack)
 
 
-def space_of(route: Route, s: Situation, w: World) -> Space:
+def space_of(route: FlightPath, s: Situation, w: World) -> Space:
     """Return the space that a route needs."""
     if route.begun:
         return (*_begun(s, w.place, route.points[0]), *legs(route.points))
@@ -171,7 +177,7 @@ def off_course(s: Situation, pose: Pose) -> float:
         return inf
     place = place_of(pose)
     away = dist(place, s.goal)
-    if s.brake or (s.phase is Phase.HOLDING and away < NEAR):
+    if s.brake or (s.phase is FlightPhase.HOLDING and away < NEAR):
         return away
     return distance((Piece(place, place),), _begun(s, s.origin, s.goal), 1.0, 1.0)
 
@@ -187,13 +193,19 @@ def _box(box: Box, place: Point) -> Piece:
 
 def why_excluded(s: Situation, w: World) -> str:
     """Return why the cage or a zone bars the rest of the present way, to add to `stopped`; empty if not."""
-    points = (s.goal, *s.corners)
-    for why_not in (lambda point: why_outside(point, w.cage), w.region.why_inside):
-        for point in points:
-            if why := why_not(point):
-                return f"the goal is now {why}"
+    outside = (why_outside(point, w.cage) for point in (s.goal, *s.corners))
+    why = next(filter(None, outside), "")
+    return f"the goal is now {why}" if why else _why_zoned(s, w)
+
+
+def _why_zoned(s: Situation, w: World) -> str:
+    """Return which zone bars the rest of the present way; empty for none."""
     if not w.region:
         return ""
+    points = (s.goal, *s.corners)
+    for point in points:
+        if why := w.region.why_inside(point):
+            return f"the goal is now {why}"
     if not stays(s, w):
         if s.reach and (why := w.region.why_overlaps(s.reach)):
             return why

@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.services.airspace.geometry import Point
 from quadctl.services.safety.model import State
 from quadctl.services.safety.monitor import PATIENCE, STOOD_STILL, TrackingMonitor
 from tests.support.monitor_rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
@@ -174,14 +175,14 @@ def test_a_cage_that_includes_the_goal_lets_the_flight_continue():
 
 
 LIMIT, PERIOD = 0.15, 0.05
-GOAL, OTHER_GOAL = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
+GOAL, OTHER_GOAL = (3.0, 0.0, 1.0), (0.0, 3.0, 1.0)
 STILL = Velocity(0.0, 0.0, 0.0)
 
 
 def look(
     tracking: TrackingMonitor,
     stamp: float,
-    goal: Position | None = GOAL,
+    goal: Point | None = GOAL,
     *,
     boot: str = "b1",
     velocity: Velocity = POSE.velocity,

@@ -6,9 +6,9 @@ from math import dist
 
 import pytest
 
-from quadctl.cli.fleet.plan import Leg, Point, Space, plan
+from quadctl.cli.fleet.plan import Leg, Space, plan
 from quadctl.schemas.messages import Position
-from quadctl.services.airspace.separation import Piece, distance
+from quadctl.services.airspace.geometry import Piece, Point, distance
 from quadctl.services.runtime.errors import Refused
 from tests.support.fleet_flights import FleetFlight, fly_plan
 

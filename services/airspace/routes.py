@@ -50,9 +50,9 @@ class FlightPath(NamedTuple):
     turns: bool = False
 
     @property
-    def corners(self) -> tuple[Point, ...]:
-        """Return the points between start and goal, or between the end of the present flight and it."""
-        return self.points[1 if self.begun else 0 : -1]
+    def ahead(self) -> tuple[Point, ...]:
+        """Return the points after the start, or after the end of the present flight."""
+        return self.points[1:] if self.begun else self.points
 
     @property
     def straight(self) -> tuple[Point, ...]:

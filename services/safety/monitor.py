@@ -241,12 +241,11 @@ class Monitor:
         s = self.situation
         if s.candidate is None:
             return
-        goal = s.candidate.goal
         world = self.world(self._traffic.others(self.name, before=number or None))
-        verdict, held = verify(s, goal, world, direct=direct), None
+        verdict, held = verify(s, s.candidate, world, direct=direct), None
         if wait and verdict.near and not s.flies:
             held = self._traffic.hold(
-                self.name, goal, verdict.route.corners, verdict.near, direct=direct, number=number
+                self.name, verdict.route.ahead, verdict.near, direct=direct, number=number
             )
         if held:
             verdict = replace(verdict, why=f"{WAITS}{verdict.why}")
@@ -264,17 +263,17 @@ class Monitor:
                 self._wait_no_more(f"no vehicle ahead of it has moved on for {WAIT:g} s")
                 return
             world = self.world()
-            space = space_after(self.situation, held.goal, held.corners, world)
+            space = space_after(self.situation, held.points, world)
             for only in (held.first, ""):
                 others = self._traffic.others(self.name, only=only, before=held.number)
                 near = conflicts(world.place, space, others)
                 again = near and self._traffic.hold(
-                    self.name, held.goal, held.corners, near, direct=held.direct, number=held.number
+                    self.name, held.points, near, direct=held.direct, number=held.number
                 )
                 if again:
                     self.held = held if only else again
                     return
-            self._feed(Goto(held.goal))
+            self._feed(Goto(held.points[-1]))
             self._verify(direct=held.direct, wait=True, number=held.number)
 
     def hold(self) -> None:

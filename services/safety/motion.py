@@ -25,7 +25,7 @@ from quadctl.services.airspace.routes import (
 )
 from quadctl.services.airspace.separation import Neighbour, conflicts, why_near
 from quadctl.services.airspace.stopping import LAGS, REACTION, SLACK, at_rest, stops_in
-from quadctl.services.safety.model import FlightPhase, GoalVerdict, Situation, World
+from quadctl.services.safety.model import FlightPhase, GoalVerdict, Goto, Situation, World
 
 _PART = 0.25
 """Part of a short leg: before that leg, a vehicle rests at no more than this distance from its end, too."""
@@ -64,12 +64,13 @@ def stays(s: Situation, w: World) -> bool:
     return not (s.flies or s.stops) and rest_of(s, w) in {Rest.NEAR, Rest.SETTLED}
 
 
-def verify(s: Situation, goal: Point, w: World, *, direct: bool = False) -> GoalVerdict:
+def verify(s: Situation, request: Goto, w: World, *, direct: bool = False) -> GoalVerdict:
     """Return the verdict on a goal: inside the box, free of zones, and apart from other vehicles.
 
     The box is convex: the straight way there stays inside, or comes nearer at every step. Zones are
     not: the way itself is checked, and unless it is to be `direct`, one around them is searched for.
     """
+    goal = request.goal
     route = _route_to(s, goal, w)
     if not s.cage_on:
         why = why_below(goal)
@@ -79,7 +80,7 @@ def verify(s: Situation, goal: Point, w: World, *, direct: bool = False) -> Goal
         return GoalVerdict(route, why)
     if near := too_near(route, s, w):
         return GoalVerdict(route, why_near(near), near)
-    if all(isfinite(number) for point in (*route.corners, goal) for number in point):
+    if all(isfinite(number) for point in route.points for number in point):
         return GoalVerdict(route)
     # A goal that is no number is in no cage, on or off.
     return GoalVerdict(route, why_outside(goal, w.cage) or "the goal is no place")
@@ -166,9 +167,9 @@ def reserved(s: Situation, w: World) -> Space:
     return (*_begun(s, w.place, goal), *legs((goal, *s.corners)))
 
 
-def space_after(s: Situation, goal: Point, corners: tuple[Point, ...], w: World) -> Space:
+def space_after(s: Situation, points: tuple[Point, ...], w: World) -> Space:
     """Return the space of a way that begins where the present motion ends."""
-    return tuple(legs((w.place if s.brake else s.end, *corners, goal)))
+    return tuple(legs((w.place if s.brake else s.end, *points)))
 
 
 def off_course(s: Situation, pose: Pose) -> float:

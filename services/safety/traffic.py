@@ -32,15 +32,14 @@ Mark = tuple[str, Point | int]
 
 
 class Held(Struct, frozen=True):
-    """Goal (m) that waits, by the corners of its way, first of all for the vehicle `first`.
+    """Way to a goal that waits, by its points (m), first of all for the vehicle `first`.
 
     `behind` marks the vehicles that have to fly first. Of two goals that wait, the one with the lower
     number goes first.
     """
 
-    goal: Point
+    points: tuple[Point, ...]
     direct: bool
-    corners: tuple[Point, ...]
     first: str
     behind: tuple[Mark, ...]
     number: int
@@ -92,8 +91,7 @@ class Traffic:
     def hold(
         self,
         name: str,
-        goal: Point,
-        corners: tuple[Point, ...],
+        points: tuple[Point, ...],
         near: Sequence[Neighbour],
         *,
         direct: bool,
@@ -109,7 +107,7 @@ class Traffic:
         if not number:
             self._number = number = self._number + 1
         behind = tuple(self._mark(one) for one in near if one.how is not How.FLIES)
-        return Held(goal, direct, corners, near[0].name, behind, number)
+        return Held(points, direct, near[0].name, behind, number)
 
     def _will_clear(self, name: str, one: Neighbour) -> bool:
         return one.how is How.FLIES or (one.clears and not self._waits_for(one.name, name))
@@ -140,7 +138,7 @@ class Traffic:
             found += _neighbours(other, world, across, tall)
             earlier = held and (before is None or held.number < before)
             if held and earlier and not self._waits_for(other.name, name):
-                space = space_after(other.situation, held.goal, held.corners, world)
+                space = space_after(other.situation, held.points, world)
                 waiting.append(Neighbour(other.name, space, across, tall, How.WAITS, clears=True))
         return (*found, *waiting)
 

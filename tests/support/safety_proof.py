@@ -383,7 +383,7 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
 def step(s: Situation, e: Event, w: World) -> Situation:
     """Return the situation after an event, by the step of the monitor: a test may break it."""
     if isinstance(e, Check) and s.candidate is not None:
-        e = Check(motion.verify(s, s.candidate.goal, w))
+        e = Check(motion.verify(s, s.candidate, w))
     after: Situation = vars(monitor)["step"](s, e, w)
     return after
 

@@ -59,7 +59,7 @@ EXPLORED: tuple[Event, ...] = (
 
 def checks(s: Situation, w: World) -> tuple[Event, ...]:
     """Return the verdict on the candidate, straight and by a corner; without one, on any goal."""
-    verdict = verify(s, s.candidate.goal if s.candidate else ORIGIN, w)
+    verdict = verify(s, s.candidate or Goto(ORIGIN), w)
     route = verdict.route._replace(points=(POINTS[0], *verdict.route.points))
     return Check(verdict), Check(replace(verdict, route=route))
 

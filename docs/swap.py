@@ -2,9 +2,10 @@
 
 import math
 
-from quadctl.cli.fleet.plan import Point, plan
 from quadctl.cli.fleet.plan import Space as Airspace
+from quadctl.cli.fleet.plan import plan
 from quadctl.schemas.messages import Position
+from quadctl.services.airspace.geometry import Point
 from tests.support.fleet_flights import ACROSS, TALL, FleetFlight, fly_plan
 
 _COUNT, _COLUMNS, _GAP, _CAGE = 50, 10, 0.8, 5.0

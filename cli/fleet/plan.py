@@ -11,13 +11,11 @@ from math import ceil, dist
 
 from msgspec import Struct
 
-from quadctl.schemas.messages import Position
+from quadctl.services.airspace.geometry import Piece, Point, distance
+from quadctl.services.airspace.routes import LOW, legs
+from quadctl.services.airspace.separation import WIDER
 from quadctl.services.runtime.errors import Refused
-from quadctl.services.safety.separation import WIDER, Piece, distance
-from quadctl.services.safety.way import LOW, legs
 
-Point = tuple[float, float, float]
-"""East, north and up, m."""
 Free = Callable[[str, Point, Point], bool]
 """Test of a vehicle's straight way: true if cage and zones permit it."""
 
@@ -105,7 +103,7 @@ def _point_to_way(p: Point, a: Point, b: Point, space: Space) -> float:
 
 def _parts(a: Point, b: Point) -> list[tuple[Point, Point]]:
     """Return the straight parts of a flight: from near the floor it climbs, see `_Plan._ways`."""
-    return [(start, end) for start, end, _ in legs((Position(*a), Position(*b)))]
+    return [(start, end) for start, end, _ in legs((a, b))]
 
 
 class _Plan:

@@ -12,19 +12,19 @@ from msgspec.structs import astuple
 
 from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import Hubs
-from quadctl.cli.fleet.plan import STOP, Leg, Point, Space, plan
+from quadctl.cli.fleet.plan import STOP, Leg, Space, plan
 from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.schemas.params import SeparationParams, in_lockstep
 from quadctl.schemas.services import GetParamsRequest, HoldRequest
 from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
 from quadctl.schemas.zones import FARTHEST, ZoneParams
+from quadctl.services.airspace.cage import bounds, why_outside
+from quadctl.services.airspace.geometry import Piece, Point, around, distance, place_of, velocity_of
+from quadctl.services.airspace.stopping import AT_REST, LAGS
+from quadctl.services.airspace.zones import Region
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut, Unreachable
-from quadctl.services.safety.cage import AT_REST, bounds, why_outside
-from quadctl.services.safety.separation import Piece, distance
-from quadctl.services.safety.way import HIDDEN, around
-from quadctl.services.safety.zones import Region
 from quadctl.vehicle import Flight, goal_of, slowed
 
 _NAMES = ["safety.separation", "safety.zones"]
@@ -108,11 +108,11 @@ def _bent(known: Mapping[str, Known], goals: Mapping[str, Point]) -> set[str]:
 
 def _way(one: Known, goal: Point) -> Piece:
     """Return the box of a vehicle's way, wherever it turns or stops."""
-    ends = [one.pose.position, Position(*goal)]
+    here, v = place_of(one.pose), velocity_of(one.pose)
+    ends = [here, goal]
     if one.flies_to:
-        here, v = astuple(one.pose.position), astuple(one.pose.velocity)
-        later = Position(*(p + STOP * w for p, w in zip(here, v, strict=True)))
-        ends += [later, one.flies_to]
+        later = (here[0] + STOP * v[0], here[1] + STOP * v[1], here[2] + STOP * v[2])
+        ends += [later, one.place]
     return Piece(*around(*ends), is_box=True)
 
 
@@ -139,7 +139,7 @@ def _known(client: Client) -> Known:
     pose = client.first(POSE_SLOW)
     if not flies_to:
         # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
-        pose = slowed(client, AT_REST, _STOPPING, HIDDEN) or client.first(POSE_SLOW)
+        pose = slowed(client, AT_REST, _STOPPING, LAGS) or client.first(POSE_SLOW)
     flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics"])).values
     return Known(pose, flies_to, separation, cage, Region(zones), in_lockstep(flown))
 
@@ -157,9 +157,9 @@ def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg
     x1, y1, z1 = (min(column) for column in zip(*highs, strict=True))
 
     def free(name: str, a: Point, b: Point) -> bool:
-        one, start, end = apart[name], Position(*a), Position(*b)
-        barred = one.region.why_inside(end) or one.region.why_crosses(start, end)
-        return not (why_outside(end, one.cage) or barred)
+        one = apart[name]
+        barred = one.region.why_inside(b) or one.region.why_crosses(a, b)
+        return not (why_outside(b, one.cage) or barred)
 
     space = Space(across, tall, (x0, y0, z0), (x1, y1, z1), free)
     return [*plan({name: one.place for name, one in apart.items()}, ends, space), *free_to_fly]

@@ -10,12 +10,12 @@ from quadctl.cli.lab.flown import (
     distance,
     first_at,
     goal_of,
-    place_of,
     pose_at,
     until,
 )
 from quadctl.cli.lab.rubric import RowVerdict, RubricRow
 from quadctl.cli.mission.mission import CallStep
+from quadctl.services.airspace.geometry import place_of
 
 STILL = 0.3
 """Metres that a vehicle may drift that refuses a goal."""

@@ -12,14 +12,10 @@ from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import GotoResponse, SetParamsResponse
 from quadctl.schemas.topics import POSE, PRESSURE, SETPOINT, STATE, Topic
-from quadctl.services.campaign.score import Point, inside
-from quadctl.services.campaign.watch import gently, outside
+from quadctl.services.airspace.geometry import Point, place_of
+from quadctl.services.airspace.stopping import AT_REST, GENTLE, farthest, outside
+from quadctl.services.campaign.score import inside
 from quadctl.services.runtime.errors import QuadctlError
-
-AT_REST = 0.05
-"""Speed (m/s) below which a vehicle is at rest."""
-_GENTLE = 0.05
-"""Share of its acceleration with which a vehicle brakes at least that must stop."""
 
 
 class Outcome(NamedTuple):
@@ -64,12 +60,6 @@ def gotos(flown: FlownMission, end: int | None = None) -> list[Outcome]:
 def goal_of(step: Any) -> Point:
     """Return the goal (m) of a step."""
     return step.x, step.y, step.z
-
-
-def place_of(pose: Pose) -> Point:
-    """Return the place (m) of a pose."""
-    p = pose.position
-    return p.x, p.y, p.z
 
 
 def speed(pose: Pose) -> float:
@@ -121,7 +111,7 @@ def excursion(flown: FlownMission) -> tuple[float, float]:
             if size != before:
                 sx, sy, sz = (x + 0.5 / braking * u * abs(u) for x, u in zip(p, v, strict=True))
                 room = max(outside(*p, *size), outside(sx, sy, sz, *size))
-                allowed = max(room, gently(*p, *v, _GENTLE * braking, *size)) if room > 0 else 0.0
+                allowed = max(room, farthest(*p, *v, GENTLE * braking, *size)) if room > 0 else 0.0
             out = outside(*p, *size)
             if out - allowed > worst:
                 worst, at = out - allowed, pose.stamp

@@ -12,7 +12,6 @@ from msgspec.structs import astuple
 
 from quadctl.cli.lab.extra import STILL, prints, replies, takes_waypoints
 from quadctl.cli.lab.flown import (
-    AT_REST,
     Commanded,
     FlownMission,
     Outcome,
@@ -22,7 +21,6 @@ from quadctl.cli.lab.flown import (
     goal_of,
     gotos,
     permits,
-    place_of,
     pose_at,
     speed,
     until,
@@ -35,6 +33,8 @@ from quadctl.schemas.services import (
     ToggleCageResponse,
 )
 from quadctl.schemas.topics import CALIBRATE, GOTO, PRESSURE, SETPOINT
+from quadctl.services.airspace.geometry import place_of
+from quadctl.services.airspace.stopping import AT_REST
 from quadctl.services.pressure.simulated import pressure_at
 from quadctl.services.runtime.errors import Refused
 

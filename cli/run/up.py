@@ -16,7 +16,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.run.commands import DEFAULT_FILE, status
 from quadctl.cli.run.screen import Screen, for_lines, is_live
-from quadctl.schemas.airworthy import limited
+from quadctl.services.airspace.airworthiness import limited
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.process_table import NODES, Process

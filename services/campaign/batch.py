@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams, Params
 from quadctl.schemas.topics import SETPOINT
+from quadctl.services.airspace.separation import allowed
 from quadctl.services.campaign.flight import DEPTH, SimulatedFlight, serve
 from quadctl.services.campaign.mission import Mission, faults_of
 from quadctl.services.campaign.score import Flown, LaunchCage, Score, farthest
@@ -20,9 +21,7 @@ from quadctl.services.campaign.vehicles import VehicleBatch
 from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
 from quadctl.services.dynamics.simulation import still_in_force
 from quadctl.services.runtime.goal_latch import GoalLatch
-from quadctl.services.safety.cage import gentle
 from quadctl.services.safety.model import State
-from quadctl.services.safety.separation import allowed
 from quadctl.services.safety.traffic import Traffic
 
 _STEPS = round(1000 / SETPOINT.hz)
@@ -171,12 +170,12 @@ class Batch:
         goal, size = s.goal, params.virtual_cage
         # One assignment: writing them one by one would take ten times as long.
         self._notes[:, number] = (
-            lane.wanted, lane.seen, s.state is State.MOVING, s.settling, lane.due,
+            lane.wanted, lane.seen, s.state is State.MOVING, s.stops, lane.due,
             self._notes[MOVED, number], lane.returning, 0,
-            params.acceptance_range + SLACK, params.max_deceleration, gentle(lane.monitor.envelope),
+            params.acceptance_range + SLACK, params.max_deceleration, lane.monitor.envelope.gentle,
             params.reaction, params.max_speed / SETPOINT.hz,
             s.beyond if s.cage_on else inf, params.margin - SLACK,
-            goal.x, goal.y, goal.z, size.x, size.y, size.z,
+            *goal, size.x, size.y, size.z,
         )  # fmt: skip
 
     def _send_setpoint(self, number: int, lane: SimulatedFlight) -> None:

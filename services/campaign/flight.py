@@ -7,12 +7,11 @@ from collections.abc import Callable
 from math import dist, inf, isfinite
 from typing import Any
 
-import numpy as np
 from msgspec.structs import astuple, replace
 
-from quadctl.schemas import airworthy
 from quadctl.schemas.messages import (
     BodyRates,
+    CageSize,
     Pose,
     Position,
     Quaternion,
@@ -23,7 +22,9 @@ from quadctl.schemas.messages import (
 from quadctl.schemas.params import DynamicsParams, Params, SafetyParams
 from quadctl.schemas.services import SetParamsRequest
 from quadctl.schemas.topics import SETPOINT
-from quadctl.services.campaign import watch
+from quadctl.services.airspace import airworthiness, stopping
+from quadctl.services.airspace.geometry import Point, place_of, velocity_of
+from quadctl.services.airspace.zones import Region
 from quadctl.services.campaign.mission import (
     CageEvent,
     Deaf,
@@ -45,14 +46,13 @@ from quadctl.services.campaign.mission import (
     faults_of,
     text,
 )
-from quadctl.services.campaign.score import FlightLog, Point, inside
+from quadctl.services.campaign.score import FlightLog, inside
 from quadctl.services.runtime.params.live import LiveParams
-from quadctl.services.safety import automaton, cage
+from quadctl.services.safety import automaton
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Seen, State
 from quadctl.services.safety.monitor import Monitor
 from quadctl.services.safety.traffic import Traffic
-from quadctl.services.safety.zones import Region
 
 REACTION = 0.3
 """Time (s) without a pose after which a flight must have been stopped."""
@@ -128,7 +128,7 @@ class SimulatedFlight:
         self._error: Point | None = None
         self._blind_until = self._stalled_until = self._faulty_at = self._pose_at = 0.0
         self._still_since = 0.0
-        self._still_goal: Position | None = None
+        self._still_goal: Point | None = None
         self._rule = automaton.RULES[0]
         """Rule that the last pose took."""
         self._last, self._motion = self.monitor.pose, [0.0] * 6
@@ -141,8 +141,8 @@ class SimulatedFlight:
 
     def fly_with(self, params: DynamicsParams) -> None:
         """Tell safety with which parameters the vehicle flies."""
-        limits = airworthy.flown(params.vehicle, params.control, params.wind)
-        self.monitor.flies_with(limits.max_acceleration)
+        limits = airworthiness.flown(params.vehicle, params.control, params.wind)
+        self.monitor.set_acceleration(limits.max_acceleration)
 
     @property
     def is_astray(self) -> bool:
@@ -182,7 +182,7 @@ class SimulatedFlight:
     def returning(self) -> float:
         """Return the time (s) from which a vehicle outside must not go out again; inf for none."""
         s = self.monitor.situation
-        return s.since + cage.REACTION if s.cage_on and 0 < s.beyond < inf else inf
+        return s.since + stopping.REACTION if s.cage_on and 0 < s.beyond < inf else inf
 
     def see(self, period: int, motion: Motion) -> None:
         """Show a pose to safety, unless poses are lost."""
@@ -200,7 +200,7 @@ class SimulatedFlight:
             self._expect_outside_zones()
 
     def _expect_outside_zones(self) -> None:
-        s, place = self.monitor.situation, self.monitor.pose.position
+        s, place = self.monitor.situation, place_of(self.monitor.pose)
         # A zone that came upon the vehicle may keep it for a while.
         if s.cage_on and s.beyond == 0 and (deep := self._region.excess(place, place)) > DEPTH:
             self.diary.violated(f"the vehicle was {1000 * deep:.1f} mm inside a zone")
@@ -372,9 +372,9 @@ class SimulatedFlight:
         s, pose = self.monitor.situation, self.monitor.pose
         since = max(self.moved_at, self.diary.changed_at)
         rests = s.state is State.HOVERING and self.diary.now - since > REST
-        if rests and dist(astuple(s.goal), astuple(pose.position)) > NEAR:
+        if rests and dist(s.goal, place_of(pose)) > NEAR:
             self.diary.violated("it rests away from the goal that safety publishes")
-        lands = self.healthy and not s.brake and s.goal.z <= 0.0
+        lands = self.healthy and not s.brake and s.goal[2] <= 0.0
         if rests and lands and pose.position.z > ON_FLOOR:
             self.diary.violated("it hovers at the end of a landing")
 
@@ -392,7 +392,7 @@ class SimulatedFlight:
         stopped = self._awoke or self._missed > self._timeout
         self._missed, self._was_moving = 0.0, False
         # In periods with a fault this sees every pose.
-        still = moving and self.wanted == 0 and cage.at_rest(self.monitor.pose)
+        still = moving and self.wanted == 0 and stopping.at_rest(self.monitor.pose)
         goal = s.goal if still and not stopped else None
         if goal is None or goal != self._still_goal:
             self._still_since, self._still_goal = now, goal
@@ -441,29 +441,25 @@ class Departure:
 
     def is_due(self, pose: Pose, size: Point) -> bool:
         """Return whether the vehicle can no longer stop within the limit and the margin."""
-        x, y, z, vx, vy, vz = _motion(pose)
+        # Written once more: safety's own may be what is wrong.
         k, t = 0.5 / self._params.max_deceleration, self._params.reaction
-        x, y, z = (p + t * v + k * v * abs(v) for p, v in ((x, vx), (y, vy), (z, vz)))
-        return watch.outside(x, y, z, *size) > self.allowed + self._params.margin + ROUNDING
+        motion = zip(place_of(pose), velocity_of(pose), strict=True)
+        x, y, z = (p + t * v + k * v * abs(v) for p, v in motion)
+        limit = self.allowed + self._params.margin + ROUNDING
+        return stopping.outside(x, y, z, *size) > limit
 
     def confine(self, last: Pose, pose: Pose, size: Point) -> None:
         """Set the limit when the cage changes, from safety's last two poses."""
-        self.allowed, self._since = self._leeway(last, pose, size) + cage.SLACK, pose.stamp
+        self.allowed, self._since = self._leeway(last, pose, size) + stopping.SLACK, pose.stamp
 
     def returned(self, last: Pose, pose: Pose, size: Point) -> None:
         """Lower the limit for a vehicle that has come nearer."""
-        if self.allowed < inf and pose.stamp >= self._since + cage.REACTION:
+        if self.allowed < inf and pose.stamp >= self._since + stopping.REACTION:
             self.allowed = min(self.allowed, self._leeway(last, pose, size))
 
     def _leeway(self, last: Pose, pose: Pose, size: Point) -> float:
-        # The first pose of a boot is its own predecessor.
-        seconds = pose.stamp - last.stamp or PERIOD
-        notes = np.zeros((len(watch.ROWS), 1))
-        braking = cage.gentle(self._monitor.envelope)
-        notes[[watch.GENTLE, watch.SIZE, watch.SIZE_Y, watch.SIZE_Z], 0] = (braking, *size)
-        before, now = (np.array([_motion(each)]).T for each in (last, pose))
-        return watch.leeway(notes, 0, now, before, seconds)
+        return stopping.leeway(pose, last, CageSize(*size), Region(), self._monitor.envelope)
 
 
 def _motion(pose: Pose) -> Motion:
-    return [*astuple(pose.position), *astuple(pose.velocity)]
+    return [*place_of(pose), *velocity_of(pose)]

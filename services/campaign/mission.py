@@ -17,6 +17,7 @@ from quadctl.schemas.params import (
     WindParams,
 )
 from quadctl.schemas.topics import SETPOINT
+from quadctl.services.airspace.geometry import Point
 
 
 class _Event(Struct, frozen=True, tag=True):
@@ -162,7 +163,6 @@ def faults_of(rows: Sequence[Row]) -> dict[str, int]:
 
 T = TypeVar("T")
 Parameters = TypeVar("Parameters", SafetyParams, DynamicsParams)
-Point = tuple[float, float, float]
 
 MARGIN, MARGIN_IN_WIND = 0.01, 0.05
 """Margin beyond the cage, m: in still air, and its increase with the square of the wind, m/s."""

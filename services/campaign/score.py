@@ -23,6 +23,7 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import SafetyState, without_wording
 from quadctl.schemas.params import SafetyParams
 from quadctl.schemas.topics import SETPOINT
+from quadctl.services.airspace.geometry import Point
 from quadctl.services.campaign.watch import Floats
 
 
@@ -213,9 +214,6 @@ def arrivals(periods: Counter[int]) -> dict[str, float]:
         name: bisect(ends, round(part * (count - 1))) for name, part in parts.items() if count
     }
     return {"count": count, **{name: ordered[n] / SETPOINT.hz for name, n in places.items()}}
-
-
-Point = tuple[float, float, float]
 
 
 def inside(point: Point, size: Point) -> bool:

@@ -29,6 +29,7 @@ from quadctl.schemas.params import (
 )
 from quadctl.schemas.topics import SETPOINT
 from quadctl.schemas.typeinfo import fields
+from quadctl.services.airspace.geometry import Point
 from quadctl.services.campaign.mission import (
     GUST,
     MARGIN,
@@ -39,7 +40,6 @@ from quadctl.services.campaign.mission import (
     HoldEvent,
     Mission,
     Param,
-    Point,
     Row,
     with_given,
 )

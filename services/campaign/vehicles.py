@@ -7,15 +7,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from quadctl.schemas.params import DynamicsParams
+from quadctl.services.airspace.geometry import Box
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.watch import Floats
 from quadctl.services.dynamics.compiled.fleet import CompiledFleet, flat
 from quadctl.services.dynamics.compiled.kernel import MOTION
 from quadctl.services.dynamics.compiled.single import lane_of
-from quadctl.services.dynamics.flight_modes import Point, room
+from quadctl.services.dynamics.flight_modes import room
 from quadctl.services.dynamics.vehicle import Vehicle
 
-Box = tuple[Point, Point]
 """Lowest and highest corner, m."""
 
 

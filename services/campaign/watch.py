@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from quadctl.schemas.topics import SETPOINT
-from quadctl.services.safety.cage import AT_REST, REACTION, RISE
+from quadctl.services.airspace import stopping
+from quadctl.services.airspace.stopping import AT_REST, farthest, outside, risen, soonest
 from quadctl.services.safety.monitor import PATIENCE
 
 Floats = npt.NDArray[np.float64]
@@ -41,34 +42,16 @@ may stop, and the margin (m); the goal and the cage's bounds, m.
 ) = range(len(ROWS))  # fmt: skip
 
 
-def outside(x: float, y: float, z: float, sx: float, sy: float, sz: float) -> float:
-    """Return the distance (m) of a place from a cage of this size."""
-    dx = max(-sx - x, x - sx, 0.0)
-    dy = max(-sy - y, y - sy, 0.0)
-    dz = max(-z, z - sz, 0.0)
-    return sqrt(dx * dx + dy * dy + dz * dz)
-
-
-def gently(
-    x: float, y: float, z: float, vx: float, vy: float, vz: float,
-    braking: float, sx: float, sy: float, sz: float,
-) -> float:  # fmt: skip
-    """Return how far outside (m) a vehicle stops that brakes late, at this deceleration, m/s^2."""
-    seconds = REACTION + 0.5 * sqrt(vx * vx + vy * vy + vz * vz) / braking
-    return outside(x + seconds * vx, y + seconds * vy, z + seconds * vz, sx, sy, sz)
-
-
 def leeway(notes: Floats, n: int, motion: Floats, last: Floats, seconds: float) -> float:
     """Return safety's `leeway` of one vehicle, to the bit, from two poses some s apart."""
     x, y, z = motion[0, n], motion[1, n], motion[2, n]
     vx, vy, vz = motion[3, n], motion[4, n], motion[5, n]
-    rises = RISE / seconds
-    ux = vx + rises * (vx - last[3, n])
-    uy = vy + rises * (vy - last[4, n])
-    uz = vz + rises * (vz - last[5, n])
+    ux, uy, uz = (
+        risen(vx, last[3, n], seconds), risen(vy, last[4, n], seconds), risen(vz, last[5, n], seconds)
+    )  # fmt: skip
     braking, sx, sy, sz = notes[GENTLE, n], notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n]
-    now = gently(x, y, z, vx, vy, vz, braking, sx, sy, sz)
-    later = gently(x, y, z, ux, uy, uz, braking, sx, sy, sz)
+    now = farthest(x, y, z, vx, vy, vz, braking, sx, sy, sz)
+    later = farthest(x, y, z, ux, uy, uz, braking, sx, sy, sz)
     return max(now, later, outside(x, y, z, sx, sy, sz))
 
 
@@ -94,9 +77,9 @@ def awaits(notes: Floats, n: int, motion: Floats, last: Floats, period: int) -> 
             return True
     if speed < AT_REST + SLACK and (notes[SETTLING, n] > 0.0 or speed > AT_REST - SLACK):
         return True
-    k, t = 0.5 / notes[BRAKING, n], notes[REACTS, n]
+    d, t = notes[BRAKING, n], notes[REACTS, n]
     stop = outside(
-        x + t * vx + k * vx * abs(vx), y + t * vy + k * vy * abs(vy), z + t * vz + k * vz * abs(vz),
+        soonest(x, vx, d, t), soonest(y, vy, d, t), soonest(z, vz, d, t),
         notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n],
     )  # fmt: skip
     if stop > notes[BEYOND, n] + notes[MARGIN, n]:
@@ -169,10 +152,11 @@ def separate(motions: Floats, times: Floats, vehicles: int, least: Floats, at: F
 
 def compiled_source() -> str:
     """Return the source of the loops for numba, to go after a kernel's source."""
+    known = vars(stopping) | globals()
     names = ("AT_REST", "REACTION", "RISE", "SLACK", "PATIENT", *ROWS)
-    lines = ["", "Floats = Ints = None", *(f"{name} = {globals()[name]!r}" for name in names)]
+    lines = ["", "Floats = Ints = None", *(f"{name} = {known[name]!r}" for name in names)]
     # Each after those that it calls.
-    for function in (outside, gently, leeway, awaits, look, score, approach, separate):
+    for function in (*stopping.SCALAR, leeway, awaits, look, score, approach, separate):
         cached = ", nogil=True, cache=True" if function in {look, score, approach, separate} else ""
         lines += [f"@njit(error_model='numpy'{cached})", inspect.getsource(function)]
     return "\n".join(lines)

@@ -10,8 +10,8 @@ World frame ENU, body frame FLU, SI units. Straight-line code, as in rigidbody.p
 
 from math import sqrt, tan
 
-from quadctl.schemas.airworthy import delay, held_tilt
 from quadctl.schemas.params import DynamicsParams
+from quadctl.services.airspace.airworthiness import delay, held_tilt
 from quadctl.services.dynamics.rigidbody import STEP, State
 
 STEPS = 4

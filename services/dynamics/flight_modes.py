@@ -10,6 +10,7 @@ World frame ENU, SI units. Straight-line code, as in rigidbody.py.
 
 from math import nan
 
+from quadctl.services.airspace.geometry import Point
 from quadctl.services.dynamics import trajectory, wind
 from quadctl.services.dynamics.controller import STEPS, Gains, Setpoint, Wind, control
 from quadctl.services.dynamics.rigidbody import Body, Motors, State, step
@@ -298,8 +299,6 @@ SETTLED = 0.15
 """Share of the time to rest, 6 of 40 lags, after which the setpoint is all but at its stop."""
 EVERY, LONGEST = 4, 25000
 """Control periods between the sampled points of a stop, and of the longest stop: 100 s."""
-
-Point = tuple[float, float, float]
 
 
 def widened(low: Point, high: Point, place: Point) -> tuple[Point, Point]:

@@ -17,10 +17,10 @@ from typing import Any
 import msgspec
 from msgspec import structs
 
-from quadctl.schemas import airworthy
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from quadctl.schemas.params import FROM_STANDSTILL, DynamicsParams, FlightFaultParams, Params
 from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT
+from quadctl.services.airspace import airworthiness
 from quadctl.services.dynamics.vehicle import Fly, Vehicle
 from quadctl.services.runtime.errors import Refused
 from quadctl.services.runtime.goal_latch import GoalLatch
@@ -145,7 +145,7 @@ class Simulation:
 
     def _log_limits(self) -> None:
         params = self._params
-        now = airworthy.limited(params.vehicle, params.control, params.wind)
+        now = airworthiness.limited(params.vehicle, params.control, params.wind)
         for line in now:
             if line not in self._limited:
                 self._node.log.warning(line)
@@ -209,7 +209,7 @@ class Simulation:
         if flown is not self._judged:
             # A change replaces them; judging 20 times a second would cost each hover.
             self._judged = flown
-            self._unheld = airworthy.why_not_held(flown.vehicle, flown.control, flown.wind)
+            self._unheld = airworthiness.why_not_held(flown.vehicle, flown.control, flown.wind)
         why = self._unheld
         if not (why or vehicle.standing or math.dist(vehicle.position, vehicle.setpoint) < _ASTRAY):
             why = f"the vehicle is {_ASTRAY:g} m off its setpoint"

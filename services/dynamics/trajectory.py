@@ -18,8 +18,8 @@ Over 500 lines: axes, shares and lags are one computation, and each can only be 
 
 from math import exp, sqrt
 
-from quadctl.schemas.airworthy import flown, setpoint_lag
 from quadctl.schemas.params import DynamicsParams
+from quadctl.services.airspace.airworthiness import flown, setpoint_lag
 from quadctl.services.dynamics.controller import PERIOD, Setpoint
 
 SWITCH_HALVINGS = 40

@@ -3,7 +3,7 @@
 Gusts follow Dryden's spectrum along the wind (MIL-F-8785C), here on all three axes: white noise
 through a first-order lag. The mean wind and its own turbulence carry a gust past the vehicle, so
 its time constant is the length scale over the speed of both. Dryden's gusts have no bound; these end
-at four times their RMS, as those that schemas/airworthy.py counts with.
+at four times their RMS, as those that services/airspace/airworthiness.py counts with.
 
 The controller knows a steady wind. It knows gusts with a lag, as if it computed them from the difference
 between measured and expected acceleration, as incremental controllers do (Smeur, de Croon and Chu,

@@ -6,7 +6,6 @@ from functools import partial
 from msgspec import convert
 from msgspec.structs import replace
 
-from quadctl.schemas import airworthy
 from quadctl.schemas.messages import (
     WAITS,
     CageSize,
@@ -44,13 +43,14 @@ from quadctl.schemas.topics import (
     called,
     set_params,
 )
+from quadctl.services.airspace import airworthiness
+from quadctl.services.airspace.cage import bounds
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
 from quadctl.services.runtime.executor import shared_lock
 from quadctl.services.runtime.node import FIRST_POSE, LOST_AFTER, Node
 from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import launch_lines
-from quadctl.services.safety.cage import bounds
 from quadctl.services.safety.monitor import Monitor
 from quadctl.services.safety.traffic import Traffic
 
@@ -101,8 +101,8 @@ class Safety:
     def _judge_vehicle(self) -> None:
         params = self._params.dynamics
         vehicle = params.vehicle, params.control, params.wind
-        self.monitor.flies_with(airworthy.flown(*vehicle).max_acceleration)
-        self.monitor.lands(airworthy.why_not_held(*vehicle))
+        self.monitor.set_acceleration(airworthiness.flown(*vehicle).max_acceleration)
+        self.monitor.set_landing(airworthiness.why_not_held(*vehicle))
         self._send_setpoint()
 
     def listen_to_all_poses(self) -> None:

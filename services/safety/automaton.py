@@ -1,30 +1,38 @@
-"""Safety automaton: RULES, conditions, actions and step(). All state changes are in this file.
+"""Safety automaton: what a vehicle's safety does on each event. Pure: no clock, bus or file.
 
     HOVERING -> VERIFYING -> MOVING -> HOVERING
 
-`step` is pure: the pose, the cage and the results of timeouts come in with the event and the world.
+Theory of operation. `step` takes the situation (all that is remembered), an event, and the world (the
+newest pose, the cage, the zones, other vehicles), and returns the next situation. RULES is the whole
+table: in a state, on an event, the first rule with a condition that holds says which state is next, and
+which action makes the situation. The three states are the lab's; `FlightPhase` in model.py has what is behind
+them, e.g. whether a vehicle that hovers still brakes. A request is VERIFYING between Goto, which takes it
+up, and Check, which brings the verdict of `verify` in motion.py: so a flight goes on until another goal is
+accepted, and a refusal changes nothing but the reason.
+
+What the table covers: requests and their refusals; the cage, switched or resized in flight; guards on
+each pose (a jump, a stop that would end outside); silences of poses and setpoints; stops and new boots.
+
+What it does not: when an event happens. The monitor measures silences, asks for the verdict, keeps a goal
+that waits for other vehicles, and lets the vehicle give way to them. Nor does it fly: the setpoint is the
+present goal, or the order to brake, and dynamics flies there.
 """
 
 from collections.abc import Callable, Iterable
-from math import dist, inf, isfinite
+from math import dist, inf
 from typing import NamedTuple
 
-from msgspec.structs import astuple, replace
+from msgspec.structs import replace
 
-from quadctl.schemas.messages import PAUSED, WAITS
-from quadctl.services.safety.cage import (
-    REACTION,
-    at_rest,
-    caged,
-    leeway,
-    stopping_excess,
-    why_below,
-    why_outside,
-)
+from quadctl.schemas.messages import PAUSED
+from quadctl.services.airspace.geometry import place_of
+from quadctl.services.airspace.routes import rise
+from quadctl.services.airspace.stopping import REACTION, SLACK, at_rest
 from quadctl.services.safety.model import (
     Booted,
     Check,
     Event,
+    FlightPhase,
     Gone,
     Goto,
     Halted,
@@ -38,17 +46,7 @@ from quadctl.services.safety.model import (
     Toggle,
     World,
 )
-from quadctl.services.safety.separation import why_near
-from quadctl.services.safety.way import (
-    LOW,
-    is_there,
-    motion,
-    rise,
-    too_near,
-    way_to,
-    why_barred,
-    why_stopped,
-)
+from quadctl.services.safety.motion import Rest, motion, rest_of, why_excluded
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
@@ -60,73 +58,48 @@ def consider(s: Situation, e: Event, _w: World) -> Situation:
     """Take a request up for verification."""
     assert isinstance(e, Goto)  # noqa: S101 - RULES pairs this action with Goto alone
     # The present flight continues until the request is accepted.
-    return replace(_ended(s), request=s.request + 1, candidate=e, back=s.state, reason="")
+    return replace(_unpaused(s), request=s.request + 1, candidate=e, reason="")
 
 
 def take(s: Situation, e: Event, w: World) -> Situation:
     """Fly to the candidate, leg by leg; from outside, go no farther out than necessary."""
     assert isinstance(e, Check)  # noqa: S101 - RULES pairs this action with Check alone
-    way = way_to(s, s.candidate.goal, e.corners if s.cage_on else (), w)
-    goal, *corners = way.points
-    s = s if s.beyond < inf else caged(s, w)
-    s = replace(s, origin=way.origin, reach=way.reach, corners=tuple(corners))
-    s = replace(s, leg=1 if corners else 0, legs=len(way.points) if corners else 0)
-    s = replace(s, commanded=w.pose.stamp, takeoff=s.candidate.takeoff)
-    return replace(s, goal=goal, brake=False, settling=False, reason="")
+    assert s.candidate  # noqa: S101 - it is VERIFYING
+    phase, route = _flight(s.candidate), e.verdict.route
+    goal, *corners = route.points
+    s = s if s.beyond < inf else _caged(s, w)
+    s = replace(s, origin=route.origin, reach=route.reach, goal=goal, corners=tuple(corners))
+    s = replace(s, legs=len(route.points) if corners else 0, commanded=w.pose.stamp)
+    return replace(s, phase=phase, candidate=None, reason="")
 
 
 def turn(s: Situation, e: Event, w: World) -> Situation:
     """Fly on, and from rest at a corner along the next leg."""
     assert s.corners  # noqa: S101 - RULES pairs this action with `cornering`
-    if not is_there(s, w):
+    if rest_of(s, w) is not Rest.SETTLED:
         return follow(s, e, w)
     goal, *corners = s.corners
     s = replace(s, origin=s.goal, reach=rise(s.goal, goal), commanded=w.pose.stamp)
-    return replace(s, goal=goal, corners=tuple(corners), leg=s.leg + 1)
+    return replace(s, goal=goal, corners=tuple(corners))
 
 
 def follow(s: Situation, _e: Event, w: World) -> Situation:
     """Fly or hover on; a vehicle that comes nearer from outside must not go back out."""
     if not s.cage_on or not 0 < s.beyond < inf or w.pose.stamp < s.since + REACTION:
         return s
-    out = leeway(w)
+    out = w.leeway()
     return replace(s, beyond=out) if out < s.beyond else s
 
 
-def refuse(s: Situation, e: Event, w: World) -> Situation:
-    """Refuse a goal below the floor, barred by the cage or a zone, or too near a vehicle."""
-    goal = s.candidate.goal
-    barred = (why_outside(goal, w.cage) or _why_zoned(s, e, w)) if s.cage_on else why_below(goal)
-    if barred:
-        return replace(s, reason=barred)
-    waits = isinstance(e, Check) and e.waits
-    near = f"{WAITS if waits else ''}{_why_near(s, e, w)}"
-    # A goal that is no number is in no cage, on or off.
-    return replace(s, reason=near or why_outside(goal, w.cage))
-
-
-def _why_near(s: Situation, e: Event, w: World) -> str:
-    """Return which vehicle the way to the candidate comes too near; empty for none."""
-    corners = e.corners if isinstance(e, Check) else ()
-    return why_near(too_near(s, s.candidate.goal, corners, w))
-
-
-def _why_zoned(s: Situation, e: Event, w: World) -> str:
-    """Return which zone bars the way to the candidate, by the corners of the event."""
-    way = way_to(s, s.candidate.goal, e.corners if isinstance(e, Check) else (), w)
-    outside = (why_outside(corner, w.cage) for corner in way.points[:-1])
-    why = next(filter(None, outside), "") or why_barred(way, w.region)
-    if why and way.reach and not way.begun:
-        if way.origin.z < LOW:
-            return f"{why}: from the floor a way bends; rise first"
-        return f"{why}: in flight a way bends, from rest it may be free; hold first"
-    searched = isinstance(e, Check) and e.searched
-    return f"{why}; no way around it was found" if why and searched else why
+def refuse(s: Situation, e: Event, _w: World) -> Situation:
+    """Refuse the candidate, with the reason of the verdict."""
+    assert isinstance(e, Check)  # noqa: S101 - RULES pairs this action with Check alone
+    return replace(s, candidate=None, reason=e.verdict.why)
 
 
 def refuse_busy(s: Situation, _e: Event, _w: World) -> Situation:
     """Refuse a goal while another one is being flown."""
-    x, y, z = astuple(s.end)
+    x, y, z = s.end
     reason = f"busy: flying to ({x:g}, {y:g}, {z:g}); ask with replace to change course"
     return replace(s, request=s.request + 1, reason=reason)
 
@@ -143,19 +116,15 @@ def pause(s: Situation, e: Event, w: World) -> Situation:
     """Brake to the stopping point, until poses come again."""
     assert isinstance(e, Lost)  # noqa: S101 - RULES pairs this action with Lost alone
     after = _stopped(s, w, f"{PAUSED}no pose for {e.limit:g} s")
-    ways = replace(after, reach=s.reach, corners=s.corners, leg=s.leg, legs=s.legs)
-    return replace(ways, paused=Goto(s.goal, takeoff=s.takeoff))
+    after = replace(after, reach=s.reach, corners=s.corners, legs=s.legs, phase=FlightPhase.PAUSED)
+    return replace(after, paused=Goto(s.goal, takeoff=s.phase is FlightPhase.TAKING_OFF))
 
 
 def resume(s: Situation, _e: Event, w: World) -> Situation:
     """Fly on to the goal of the paused flight."""
     assert s.paused is not None  # noqa: S101 - RULES pairs this action with `paused`
-    reason = f"went on after a pause: {s.reason.removeprefix(PAUSED)}"
-    goal, takeoff = s.paused.goal, s.paused.takeoff
-    s = replace(s, commanded=w.pose.stamp)
-    return replace(
-        s, goal=goal, brake=False, settling=False, takeoff=takeoff, paused=None, reason=reason
-    )
+    s = replace(s, phase=_flight(s.paused), goal=s.paused.goal, commanded=w.pose.stamp)
+    return replace(s, paused=None, reason=f"went on after a pause: {s.reason.removeprefix(PAUSED)}")
 
 
 def note(s: Situation, e: Event, _w: World) -> Situation:
@@ -166,7 +135,7 @@ def note(s: Situation, e: Event, _w: World) -> Situation:
 
 def arrive(s: Situation, _e: Event, _w: World) -> Situation:
     """Hold the goal, ready for the next one."""
-    return replace(s, takeoff=False, reason="", leg=0, legs=0)
+    return replace(s, phase=FlightPhase.HOLDING, reason="", legs=0)
 
 
 def stop(s: Situation, e: Event, w: World) -> Situation:
@@ -182,10 +151,10 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
             pass
         case Seen():
             where = "out of the cage or into a zone" if w.region else "out of the cage"
-            reason = f"stopped, the path led {where} by {stopping_excess(w):.2g} m"
+            reason = f"stopped, the path led {where} by {w.stopping_excess():.2g} m"
         case _:
             done = "hovering in place" if s.state is State.HOVERING else "stopped"
-            reason = f"{done}, {_why_excluded(s, w)}"
+            reason = f"{done}, {why_excluded(s, w)}"
     after = _stopped(s, w, reason)
     # A guard reports once that a vehicle leaves; it can do nothing more.
     return replace(after, beyond=inf) if isinstance(e, Seen) else after
@@ -193,21 +162,20 @@ def stop(s: Situation, e: Event, w: World) -> Situation:
 
 def stop_pose_jump(s: Situation, _e: Event, w: World) -> Situation:
     """Brake to the stopping point, because the vehicle cannot be at its pose."""
-    way = dist(astuple(w.pose.position), astuple(w.last.position))
     seconds = w.pose.stamp - w.last.stamp
-    reason = f"stopped, the pose jumped by {way:.3g} m in {seconds:.3g} s"
+    reason = f"stopped, the pose jumped by {_moved(w):.3g} m in {seconds:.3g} s"
     return replace(_stopped(s, w, reason), beyond=inf)
 
 
 def settle(s: Situation, _e: Event, w: World) -> Situation:
     """End a stop: the goal is the place where it ended."""
-    return replace(s, goal=w.pose.position, settling=False)
+    return replace(s, goal=w.place, phase=FlightPhase.STOPPED)
 
 
 def toggle(s: Situation, e: Event, w: World) -> Situation:
     """Turn the cage on or off."""
     assert isinstance(e, Toggle)  # noqa: S101 - RULES pairs this action with Toggle alone
-    return caged(replace(_unpaused(s), cage_on=e.cage_on), w)
+    return _caged(replace(_end_pause(s), cage_on=e.cage_on), w)
 
 
 def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
@@ -217,7 +185,7 @@ def toggle_and_stop(s: Situation, e: Event, w: World) -> Situation:
 
 def resize(s: Situation, _e: Event, w: World) -> Situation:
     """Fly or hover on within new bounds."""
-    return caged(_unpaused(s), w)
+    return _caged(_end_pause(s), w)
 
 
 def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
@@ -228,34 +196,39 @@ def resize_and_stop(s: Situation, e: Event, w: World) -> Situation:
 def reboot(s: Situation, e: Event, w: World) -> Situation:
     """Drop the goal, and stay where the new boot is."""
     assert isinstance(e, Booted)  # noqa: S101 - RULES pairs this action with Booted alone
-    s = _stopped(caged(s, w), w, e.reason)
-    return replace(s, boot=w.pose.boot, settling=False, commanded=-inf)
+    s = _stopped(_caged(s, w), w, e.reason)
+    return replace(s, boot=w.pose.boot, phase=FlightPhase.STOPPED, commanded=-inf)
+
+
+def _flight(request: Goto) -> FlightPhase:
+    return FlightPhase.TAKING_OFF if request.takeoff else FlightPhase.FLYING
+
+
+def _caged(s: Situation, w: World) -> Situation:
+    """Allow the vehicle to come to rest as far outside the cage as it now has to."""
+    return replace(s, beyond=w.leeway() + SLACK, since=w.pose.stamp)
 
 
 def _stopped(s: Situation, w: World, reason: str) -> Situation:
-    here = w.pose.position
-    s = replace(s, reach=motion(s), corners=(), leg=0, legs=0, commanded=w.pose.stamp)
-    return replace(
-        s, goal=here, brake=True, settling=True, takeoff=False, paused=None, reason=reason
-    )
+    s = replace(s, reach=motion(s), corners=(), legs=0, commanded=w.pose.stamp, goal=w.place)
+    return replace(s, phase=FlightPhase.STOPPING, candidate=None, paused=None, reason=reason)
 
 
-def _why_excluded(s: Situation, w: World) -> str:
-    """Return why the present cage excludes the present way; empty if it does not."""
-    for point in (s.goal, *s.corners):
-        if why := why_outside(point, w.cage):
-            return f"the goal is now {why}"
-    return why_stopped(s, w)
+def _end_pause(s: Situation) -> Situation:
+    ended = "stopped, the cage was changed during a pause"
+    return replace(_unpaused(s), reason=ended) if s.paused else s
 
 
 def _unpaused(s: Situation) -> Situation:
-    ended = "stopped, the cage was changed during a pause"
-    return replace(_ended(s), reason=ended) if s.paused else s
-
-
-def _ended(s: Situation) -> Situation:
     """Return the situation without a paused flight, which still brakes."""
-    return replace(s, paused=None, reach=motion(s), corners=(), leg=0, legs=0) if s.paused else s
+    if not s.paused:
+        return s
+    return replace(s, phase=FlightPhase.STOPPING, paused=None, reach=motion(s), corners=(), legs=0)
+
+
+def _moved(w: World) -> float:
+    """Return how far (m) the vehicle has moved since the last pose."""
+    return dist(w.place, place_of(w.last))
 
 
 def always(_s: Situation, _e: Event, _w: World) -> bool:
@@ -270,31 +243,22 @@ def blind(_s: Situation, _e: Event, w: World) -> bool:
 
 def may_replace(s: Situation, e: Event, _w: World) -> bool:
     """Return whether the present flight may be replaced: a take-off, or on request."""
-    return s.takeoff or (isinstance(e, Goto) and e.replace)
+    return s.phase is FlightPhase.TAKING_OFF or (isinstance(e, Goto) and e.replace)
 
 
-def permitted(s: Situation, e: Event, w: World) -> bool:
-    """Return whether the candidate is a place above the floor, and allowed if the cage is on.
-
-    The box is convex: the straight way there stays inside, or comes nearer at every step. Zones are
-    not: the way itself is checked, with its corners. It has to keep apart from vehicles in any case.
-    """
-    goal = s.candidate.goal
-    points = (goal, *(e.corners if isinstance(e, Check) else ()))
-    is_place = all(all(map(isfinite, astuple(p))) and not why_below(p) for p in points)
-    if not is_place or (s.cage_on and (why_outside(goal, w.cage) or _why_zoned(s, e, w))):
-        return False
-    return not _why_near(s, e, w)
+def permitted(_s: Situation, e: Event, _w: World) -> bool:
+    """Return whether the verdict on the candidate is that it may be flown to."""
+    return isinstance(e, Check) and not e.verdict.why
 
 
 def from_flight(s: Situation, _e: Event, _w: World) -> bool:
     """Return whether the request came while another goal was being flown."""
-    return s.back is State.MOVING
+    return s.flies and s.candidate is not None
 
 
 def arrived(s: Situation, _e: Event, w: World) -> bool:
     """Return whether the vehicle is within the acceptance range of its goal."""
-    return dist(astuple(w.pose.position), astuple(s.goal)) < w.acceptance_range
+    return dist(w.place, s.goal) < w.acceptance_range
 
 
 def barred(s: Situation, e: Event, w: World) -> bool:
@@ -303,7 +267,7 @@ def barred(s: Situation, e: Event, w: World) -> bool:
     A vehicle within the acceptance range still flies on to its goal, but not one that stops.
     """
     cage_on = e.cage_on if isinstance(e, Toggle) else s.cage_on
-    return cage_on and not s.brake and bool(_why_excluded(s, w))
+    return cage_on and not s.brake and bool(why_excluded(s, w))
 
 
 def cornering(s: Situation, _e: Event, _w: World) -> bool:
@@ -313,7 +277,7 @@ def cornering(s: Situation, _e: Event, _w: World) -> bool:
 
 def settled(s: Situation, _e: Event, w: World) -> bool:
     """Return whether a stop was commanded and the vehicle has come to rest."""
-    return s.settling and at_rest(w.pose)
+    return s.stops and at_rest(w.pose)
 
 
 def paused(s: Situation, _e: Event, _w: World) -> bool:
@@ -323,14 +287,13 @@ def paused(s: Situation, _e: Event, _w: World) -> bool:
 
 def jumped(_s: Situation, _e: Event, w: World) -> bool:
     """Return whether this pose is too far from the previous one for the vehicle's speed."""
-    way = dist(astuple(w.pose.position), astuple(w.last.position))
     seconds = w.pose.stamp - w.last.stamp
-    return way > w.envelope.speed * seconds + w.envelope.margin
+    return _moved(w) > w.envelope.speed * seconds + w.envelope.margin
 
 
 def straying(s: Situation, _e: Event, w: World) -> bool:
     """Return whether, with the cage on, the vehicle can no longer stop inside or in `beyond`."""
-    return s.cage_on and stopping_excess(w) > s.beyond + w.envelope.margin
+    return s.cage_on and w.stopping_excess() > s.beyond + w.envelope.margin
 
 
 class Rule(NamedTuple):
@@ -439,5 +402,6 @@ def step(
             if on_rule is not None:
                 on_rule(rule)
             after = rule.do(situation, event, world)
-            return after if after.state is rule.to else replace(after, state=rule.to)
+            assert after.state is rule.to, f"{rule} leads to {after.state}"  # noqa: S101 - RULES has it
+            return after
     raise LookupError(f"no rule for {situation.state} and {event}")

@@ -1,13 +1,18 @@
 """Data of the automaton: its states, events, world and situation."""
 
+from collections.abc import Sequence
 from enum import Enum
 from math import inf
 
 from msgspec import Struct
 
-from quadctl.schemas.messages import CageSize, Pose, Position
-from quadctl.services.safety.separation import Neighbour
-from quadctl.services.safety.zones import Box, Region
+from quadctl.schemas.messages import CageSize, Pose
+from quadctl.services.airspace import stopping
+from quadctl.services.airspace.geometry import Box, Point, place_of
+from quadctl.services.airspace.routes import FlightPath
+from quadctl.services.airspace.separation import Neighbour
+from quadctl.services.airspace.stopping import Envelope
+from quadctl.services.airspace.zones import Region
 
 _NO_ZONES = Region()
 
@@ -20,24 +25,40 @@ class State(Enum):
     MOVING = 3
 
 
+class FlightPhase(Enum):
+    """FlightPhase of the vehicle's motion; while it is none of a flight, it is published as HOVERING."""
+
+    HOLDING = "holds its goal"
+    STOPPED = "holds the place where its stop has ended"
+    STOPPING = "brakes to its stopping point"
+    PAUSED = "brakes, and flies on when poses come again"
+    TAKING_OFF = "takes off; any goal may replace it"
+    FLYING = "flies to its goal"
+
+
 class Goto(Struct, frozen=True):
     """Request for a goal (m, ENU), or for the take-off, which is treated alike."""
 
-    goal: Position
+    goal: Point
     replace: bool = False
     takeoff: bool = False
 
 
-class Check(Struct, frozen=True):
-    """Order to verify the candidate now, by the corners (m) of a way, if any; it may be searched for.
+class GoalVerdict(Struct, frozen=True):
+    """GoalVerdict on the candidate: the route to it, and why it is not flown, empty if it is.
 
-    A `direct` way has none. With `waits`, a goal too near another vehicle is to wait for it.
+    If that is for other vehicles alone, they are `near`.
     """
 
-    corners: tuple[Position, ...] = ()
-    searched: bool = False
-    direct: bool = False
-    waits: bool = False
+    route: FlightPath
+    why: str = ""
+    near: Sequence[Neighbour] = ()
+
+
+class Check(Struct, frozen=True):
+    """End of the verification of the candidate."""
+
+    verdict: GoalVerdict
 
 
 class Seen(Struct, frozen=True):
@@ -93,20 +114,6 @@ class Resized(Struct, frozen=True):
 Event = Goto | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | Toggle | Resized
 
 
-class Envelope(Struct, frozen=True):
-    """Limits of the vehicle's motion, m/s and m/s^2, with a margin, m; beyond, it is unreliable.
-
-    It flies on for the time `reaction` (s) before it brakes. It speeds up with `acceleration` (m/s^2)
-    at most; infinite if that is unknown.
-    """
-
-    speed: float
-    deceleration: float
-    margin: float
-    reaction: float = 0.0
-    acceleration: float = inf
-
-
 class World(Struct, frozen=True):
     """Input of the automaton. `fresh` means that the pose may be relied on, else `unready` tells why.
 
@@ -126,43 +133,77 @@ class World(Struct, frozen=True):
     others: tuple[Neighbour, ...] = ()
     rested: float = inf
 
+    @property
+    def place(self) -> Point:
+        """Return where the vehicle is, m."""
+        return place_of(self.pose)
+
+    def stopping_excess(self) -> float:
+        """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest."""
+        return stopping.stopping_excess(self.pose, self.cage, self.region, self.envelope)
+
+    def leeway(self) -> float:
+        """Return how far out (m) a sound vehicle comes that must stop."""
+        return stopping.leeway(self.pose, self.last, self.cage, self.region, self.envelope)
+
 
 class Situation(Struct, frozen=True):
     """Memory of the automaton.
 
-    The vehicle flies to `goal` or holds it; with `brake` it holds its own stopping point.
-    `candidate` is being verified, and a refusal leads back to `back`. `settling` is true during a
-    stop. `beyond` is how far (m) outside the cage the vehicle may come to a stop: 0, except for a
-    vehicle that was put outside; then it falls as the vehicle comes nearer. It is infinite once a
-    guard has stopped the vehicle. `paused` is the flight to resume when poses come again. `since`
-    (s) is the time of the last change of the cage. `corners` are the points (m) to fly to, one by
-    one and each from rest, after `goal`, which is the end of `leg` of `legs`; without corners all
-    are 0. The present motion is straight from `origin` (m), or a curve somewhere in the box `reach`;
-    it was commanded at the time `commanded` (s).
+    The vehicle flies to `goal` or holds it; one that brakes holds its own stopping point.
+    `candidate` is being verified, whatever the phase; a refusal ends that. `beyond` is how far (m)
+    outside the cage the vehicle may come to a stop: 0, except for a vehicle that was put outside; then
+    it falls as the vehicle comes nearer. It is infinite once a guard has stopped the vehicle. `paused`
+    is the flight to resume when poses come again. `since` (s) is the time of the last change of the
+    cage. `corners` are the points (m) to fly to, one by one and each from rest, after `goal`, in a
+    flight of so many `legs`; one without corners has 0. The present motion is straight from `origin` (m),
+    or a curve somewhere in the box `reach`; it was commanded at the time `commanded` (s).
     """
 
-    state: State
-    goal: Position
+    goal: Point
     cage_on: bool
-    candidate: Goto
-    back: State = State.HOVERING
+    phase: FlightPhase = FlightPhase.STOPPED
+    candidate: Goto | None = None
     boot: str = ""
     request: int = 0
-    brake: bool = True
-    settling: bool = False
-    takeoff: bool = False
     beyond: float = 0.0
     since: float = 0.0
     paused: Goto | None = None
     reason: str = ""
-    origin: Position = Position(0.0, 0.0, 0.0)
+    origin: Point = (0.0, 0.0, 0.0)
     reach: Box | None = None
-    corners: tuple[Position, ...] = ()
-    leg: int = 0
+    corners: tuple[Point, ...] = ()
     legs: int = 0
     commanded: float = -inf
 
     @property
-    def end(self) -> Position:
+    def state(self) -> State:
+        """Return the lab's state."""
+        if self.candidate is not None:
+            return State.VERIFYING
+        return State.MOVING if self.flies else State.HOVERING
+
+    @property
+    def flies(self) -> bool:
+        """Return whether it is on its way to a goal."""
+        return self.phase is FlightPhase.FLYING or self.phase is FlightPhase.TAKING_OFF
+
+    @property
+    def stops(self) -> bool:
+        """Return whether it brakes, and has not come to rest."""
+        return self.phase is FlightPhase.STOPPING or self.phase is FlightPhase.PAUSED
+
+    @property
+    def brake(self) -> bool:
+        """Return whether it holds its own stopping point."""
+        return self.stops or self.phase is FlightPhase.STOPPED
+
+    @property
+    def leg(self) -> int:
+        """Return the number of the present leg, 0 in a flight without corners."""
+        return self.legs - len(self.corners) if self.legs else 0
+
+    @property
+    def end(self) -> Point:
         """Return the end of the whole way, m."""
         return self.corners[-1] if self.corners else self.goal

@@ -22,12 +22,15 @@ from quadctl.schemas.messages import (
     Zones,
 )
 from quadctl.schemas.params import SafetyParams, SeparationParams
+from quadctl.services.airspace.cage import why_outside
+from quadctl.services.airspace.geometry import Point, place_of
+from quadctl.services.airspace.separation import Neighbour, conflicts, why_near
+from quadctl.services.airspace.stopping import Envelope, at_rest
+from quadctl.services.airspace.zones import Region, nearest
 from quadctl.services.safety.automaton import Rule, step
-from quadctl.services.safety.cage import at_rest, nearest, why_outside
 from quadctl.services.safety.model import (
     Booted,
     Check,
-    Envelope,
     Event,
     Gone,
     Goto,
@@ -38,15 +41,11 @@ from quadctl.services.safety.model import (
     Resized,
     Seen,
     Situation,
-    State,
     Toggle,
     World,
 )
-from quadctl.services.safety.route import way_around
-from quadctl.services.safety.separation import Neighbour, conflicts, why_near
+from quadctl.services.safety.motion import reserved, space_after, verify
 from quadctl.services.safety.traffic import Held, Post, Traffic
-from quadctl.services.safety.way import reserved, space_after, too_near, way_to, why_barred
-from quadctl.services.safety.zones import Region
 
 PATIENCE = 1.0
 """Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
@@ -66,7 +65,7 @@ class TrackingMonitor:
     def __init__(self) -> None:
         self._boot, self.stamp = "", 0.0
         """Boot and stamp (s) of the last pose."""
-        self._goal: Position | None = None
+        self._goal: Point | None = None
         self._still_since: float | None = None
 
     @property
@@ -75,7 +74,7 @@ class TrackingMonitor:
         return inf if self._still_since is None else self._still_since + PATIENCE
 
     def observe(
-        self, pose: Pose, goal: Position | None, *, moving: bool, setpoint_timeout: float = inf
+        self, pose: Pose, goal: Point | None, *, moving: bool, setpoint_timeout: float = inf
     ) -> tuple[float, bool]:
         """Return how long (s) the vehicle had no setpoint, and whether it does not follow.
 
@@ -96,9 +95,9 @@ class TrackingMonitor:
 
 ON_THE_GROUND = 0.05
 """Height (m) below which a vehicle is on the ground."""
-_ORIGIN = Position(0.0, 0.0, 0.0)
+_ORIGIN = (0.0, 0.0, 0.0)
 _NO_POSE = Pose(
-    "", 0, 0.0, _ORIGIN, Velocity(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0),
+    "", 0, 0.0, Position(*_ORIGIN), Velocity(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0),
     BodyRates(0.0, 0.0, 0.0),
 )  # fmt: skip
 
@@ -134,12 +133,7 @@ class Monitor:
         self._acceleration = self._least_acceleration = inf
         self._void: set[str] = set()
         self._zones, self._region = params.zones, Region(params.zones)
-        self.situation = Situation(
-            state=State.HOVERING,
-            goal=_ORIGIN,
-            cage_on=params.cage_on or restarted,
-            candidate=Goto(_ORIGIN),
-        )
+        self.situation = Situation(_ORIGIN, cage_on=params.cage_on or restarted)
         self.name = name
         self.held: Held | None = None
         self._led = 0.0
@@ -187,7 +181,7 @@ class Monitor:
             self.lose()
             self.silent(age, own)
         s = self.situation
-        goal, moving = None if s.brake else s.goal, s.state is State.MOVING
+        goal, moving = None if s.brake else s.goal, s.flies
         gap, stuck = self.tracking.observe(
             newest, goal, moving=moving, setpoint_timeout=setpoint_timeout
         )
@@ -238,21 +232,24 @@ class Monitor:
         vehicles that are about to leave its way; the reason then begins with `waits`.
         """
         with self._traffic.lock:
-            self._feed(Goto(goal, replace, takeoff))
-            if self.situation.state is State.VERIFYING:
-                self._verify(goal, direct=direct, wait=wait)
+            self._feed(Goto(astuple(goal), replace, takeoff))
+            self._verify(direct=direct, wait=wait)
             return self.situation.reason
 
-    def _verify(self, goal: Position, *, direct: bool, wait: bool, number: int = 0) -> None:
-        """Verify the candidate; with `wait` it may wait, with its `number` if it has done so before."""
+    def _verify(self, *, direct: bool, wait: bool, number: int = 0) -> None:
+        """Verify the candidate, if any; with `wait` it may wait, with its `number` if it has done so before."""
         s = self.situation
+        if s.candidate is None:
+            return
         world = self.world(self._traffic.others(self.name, before=number or None))
-        check = Check(direct=True) if direct else self._proposal(goal, world)
-        held = None
-        if wait and s.back is State.HOVERING:
-            near = too_near(s, goal, check.corners, world)
-            held = self._traffic.hold(self.name, check, goal, near, number=number) if near else None
-        self._feed(replace(check, waits=held is not None), world)
+        verdict, held = verify(s, s.candidate, world, direct=direct), None
+        if wait and verdict.near and not s.flies:
+            held = self._traffic.hold(
+                self.name, verdict.route.ahead, verdict.near, direct=direct, number=number
+            )
+        if held:
+            verdict = replace(verdict, why=f"{WAITS}{verdict.why}")
+        self._feed(Check(verdict), world)
         if self.situation.reason.startswith(WAITS):
             self.held = held
             self._led = self._led if number else self.pose.stamp
@@ -265,34 +262,19 @@ class Monitor:
             elif self.pose.stamp - self._led > WAIT:
                 self._wait_no_more(f"no vehicle ahead of it has moved on for {WAIT:g} s")
                 return
-            s, place = self.situation, astuple(self.pose.position)
-            space = space_after(s, held.goal, held.corners, self.world())
+            world = self.world()
+            space = space_after(self.situation, held.points, world)
             for only in (held.first, ""):
                 others = self._traffic.others(self.name, only=only, before=held.number)
-                near = conflicts(place, space, others)
-                check = Check(held.corners, direct=held.direct)
-                again = (
-                    self._traffic.hold(self.name, check, held.goal, near, number=held.number)
-                    if near
-                    else None
+                near = conflicts(world.place, space, others)
+                again = near and self._traffic.hold(
+                    self.name, held.points, near, direct=held.direct, number=held.number
                 )
                 if again:
                     self.held = held if only else again
                     return
-            self._feed(Goto(held.goal))
-            if self.situation.state is State.VERIFYING:
-                self._verify(held.goal, direct=held.direct, wait=True, number=held.number)
-
-    def _proposal(self, goal: Position, world: World) -> Check:
-        """Return the order to verify the straight way, or the shortest one around zones."""
-        s = self.situation
-        if not (s.cage_on and world.region) or why_outside(goal, world.cage):
-            return Check()
-        way = way_to(s, goal, (), world)
-        if way.turns or world.region.why_inside(goal) or not why_barred(way, world.region):
-            return Check()
-        start = way.points[0] if way.begun else way.origin
-        return Check(way_around(world.region, world.cage, start, goal), searched=True)
+            self._feed(Goto(held.points[-1]))
+            self._verify(direct=held.direct, wait=True, number=held.number)
 
     def hold(self) -> None:
         """Stop at the stopping point; a goal that waits is dropped."""
@@ -303,28 +285,28 @@ class Monitor:
         if self.held:
             self._feed(Hold(f"the goal waits no more, {reason}"))
 
-    def part(self, reason: str) -> None:
+    def give_way(self, reason: str) -> None:
         """Stop the flight, because another vehicle comes too near."""
-        if self.situation.state is State.MOVING:
+        if self.situation.flies:
             self._feed(Hold(reason))
 
     def recheck(self, only: str = "") -> None:
         """Stop the flight if another vehicle, or the `only` one, is on its way by now."""
-        if self.situation.state is not State.MOVING:
+        if not self.situation.flies:
             return
         with self._traffic.lock:
             world = self.world(self._traffic.others(self.name, only=only, before=0))
             space = reserved(self.situation, world)
-            if near := conflicts(astuple(self.pose.position), space, world.others):
-                self.part(f"stopped, {why_near(near)}")
+            if near := conflicts(world.place, space, world.others):
+                self.give_way(f"stopped, {why_near(near)}")
 
-    def lands(self, why: str) -> None:
+    def set_landing(self, why: str) -> None:
         """Stop, and refuse all goals, while the vehicle lands by itself; `why` is empty afterwards."""
         if why and why != self._landing and self.situation.boot:
             self._feed(Hold(f"stopped and landing, {why}"))
         self._landing = why
 
-    def flies_with(self, acceleration: float) -> None:
+    def set_acceleration(self, acceleration: float) -> None:
         """Take the acceleration (m/s^2) that the vehicle flies with: how gently it may brake.
 
         A higher one counts from the next boot: the vehicle takes it at some later standstill.
@@ -344,13 +326,13 @@ class Monitor:
     def setpoint(self) -> Setpoint:
         """Return the present command to the vehicle."""
         s = self.situation
-        return Setpoint(s.boot, self.pose.seq, s.goal, s.brake)
+        return Setpoint(s.boot, self.pose.seq, Position(*s.goal), s.brake)
 
     def state(self) -> SafetyState:
         """Return the automaton's state for publication."""
         s, cage = self.situation, self._cage()
         state = SafetyState(
-            s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), s.end, s.cage_on, cage, s.reason
+            s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), Position(*s.end), s.cage_on, cage, s.reason
         )  # fmt: skip
         wall = self.nearest()
         return replace(state, leg=s.leg, legs=s.legs, nearest=wall)
@@ -359,7 +341,7 @@ class Monitor:
         """Return the nearest wall in force; no name with the cage off, or before the first pose."""
         if not (self.situation.cage_on and self.situation.boot):
             return NearestWall()
-        name, distance = nearest(self.world())
+        name, distance = nearest(place_of(self.pose), self._cage(), self._zones_in_force())
         return NearestWall(name, distance, distance <= self._params.warn_within)
 
     @property
@@ -383,7 +365,7 @@ class Monitor:
             return "the simulation restarted: the goal is dropped"
         if self._restarted:
             return "safety restarted: hovering here, cage on"
-        outside = why_outside(self.pose.position, self._cage())
+        outside = why_outside(place_of(self.pose), self._cage())
         return f"the start is {outside}" if self.situation.cage_on and outside else ""
 
     def _feed(self, event: Event, world: World | None = None) -> None:
@@ -410,14 +392,15 @@ class Monitor:
 
     def world(self, others: tuple[Neighbour, ...] = ()) -> World:
         """Return the automaton's input, with the newest pose."""
-        params = self._params
-        if params.zones is not self._zones:
-            self._zones, self._region = params.zones, Region(params.zones)
-        reach = params.acceptance_range
         return World(
-            self.pose, self._last, self.fresh, self._cage(), reach, self.envelope,
-            region=self._region, others=others, rested=self.pose.stamp - self._moved,
+            self.pose, self._last, self.fresh, self._cage(), self._params.acceptance_range, self.envelope,
+            region=self._zones_in_force(), others=others, rested=self.pose.stamp - self._moved,
         )  # fmt: skip
+
+    def _zones_in_force(self) -> Region:
+        if self._params.zones is not self._zones:
+            self._zones, self._region = self._params.zones, Region(self._params.zones)
+        return self._region
 
     def _cage(self) -> CageSize:
         size = self._params.virtual_cage
@@ -427,7 +410,7 @@ class Monitor:
 def _line(before: Situation, after: Situation, event: Event) -> str:
     parts = []
     if isinstance(event, Goto):
-        parts.append("Requested position: ({:g}, {:g}, {:g})".format(*astuple(event.goal)))
+        parts.append("Requested position: ({:g}, {:g}, {:g})".format(*event.goal))
     if isinstance(event, Toggle):
         parts.append(f"Cage: {'on' if after.cage_on else 'off'}")
     if isinstance(event, Resized):

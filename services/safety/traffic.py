@@ -7,28 +7,19 @@ apart from all others, so only one that has left it is compared with them.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
-from math import sqrt
+from math import dist, hypot
 from typing import Protocol
 
 from msgspec import Struct
-from msgspec.structs import astuple
 
-from quadctl.schemas.messages import Pose, Position
+from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import SeparationParams
-from quadctl.services.safety.cage import soonest_stop
-from quadctl.services.safety.model import Check, Situation, State, World
-from quadctl.services.safety.separation import (
-    WIDER,
-    How,
-    Neighbour,
-    Piece,
-    allowed,
-    distance,
-)
-from quadctl.services.safety.way import motion, off_course, reserved, rests, space_after
+from quadctl.services.airspace.geometry import Piece, Point, distance, place_of, velocity_of
+from quadctl.services.airspace.separation import WIDER, How, Neighbour, allowed
+from quadctl.services.airspace.stopping import LAGS, soonest_stop
+from quadctl.services.safety.model import Situation, World
+from quadctl.services.safety.motion import motion, off_course, reserved, space_after, stays
 
-_REACTION = 0.3
-"""Seconds from the command to stop until a sound vehicle brakes."""
 _SHARE = 0.5
 """Share of the greatest deceleration that a sound vehicle brakes with."""
 _FAR = 0.1
@@ -36,20 +27,19 @@ _FAR = 0.1
 _ROUNDING = 1e-9
 
 
-Mark = tuple[str, Position | int]
+Mark = tuple[str, Point | int]
 """A vehicle, and its goal, or the number of its goal that waits: once that is another, it has flown."""
 
 
 class Held(Struct, frozen=True):
-    """Goal (m) that waits, by the corners of its way, first of all for the vehicle `first`.
+    """Way to a goal that waits, by its points (m), first of all for the vehicle `first`.
 
     `behind` marks the vehicles that have to fly first. Of two goals that wait, the one with the lower
     number goes first.
     """
 
-    goal: Position
+    points: tuple[Point, ...]
     direct: bool
-    corners: tuple[Position, ...]
     first: str
     behind: tuple[Mark, ...]
     number: int
@@ -73,7 +63,7 @@ class Participant(Protocol):
     def recheck(self, only: str = "") -> None:
         """Stop the flight if another vehicle, or the `only` one, is on its way by now."""
 
-    def part(self, reason: str) -> None:
+    def give_way(self, reason: str) -> None:
         """Stop the flight, because another vehicle comes too near."""
 
 
@@ -99,19 +89,25 @@ class Traffic:
         self._members[member.name] = member, post
 
     def hold(
-        self, name: str, check: Check, goal: Position, near: Sequence[Neighbour], *, number: int = 0
+        self,
+        name: str,
+        points: tuple[Point, ...],
+        near: Sequence[Neighbour],
+        *,
+        direct: bool,
+        number: int,
     ) -> Held | None:
         """Return a vehicle's goal as one that waits; None if some of those in its way will not leave.
 
         What flies ends by itself, but no two may wait for each other. A goal that has waited before
-        keeps its `number`.
+        keeps its `number`; for another one it is 0.
         """
         if not all(self._will_clear(name, one) for one in near):
             return None
         if not number:
             self._number = number = self._number + 1
         behind = tuple(self._mark(one) for one in near if one.how is not How.FLIES)
-        return Held(goal, check.direct, check.corners, near[0].name, behind, number)
+        return Held(points, direct, near[0].name, behind, number)
 
     def _will_clear(self, name: str, one: Neighbour) -> bool:
         return one.how is How.FLIES or (one.clears and not self._waits_for(one.name, name))
@@ -142,7 +138,7 @@ class Traffic:
             found += _neighbours(other, world, across, tall)
             earlier = held and (before is None or held.number < before)
             if held and earlier and not self._waits_for(other.name, name):
-                space = space_after(other.situation, held.goal, held.corners, world)
+                space = space_after(other.situation, held.points, world)
                 waiting.append(Neighbour(other.name, space, across, tall, How.WAITS, clears=True))
         return (*found, *waiting)
 
@@ -155,7 +151,7 @@ class Traffic:
     def leads(self, name: str) -> bool:
         """Return whether a vehicle that this one waits for, by itself or through others, is on its way."""
         ahead = self._chain(name, lambda held: [held.first, *(mark[0] for mark in held.behind)])
-        return any(self._members[each][0].situation.state is State.MOVING for each in ahead)
+        return any(self._members[each][0].situation.flies for each in ahead)
 
     def _chain(self, waiter: str, ahead_of: Callable[[Held], Iterable[str]]) -> Iterator[str]:
         """Yield the vehicles ahead of the goal of one that waits, and those that they wait for in turn."""
@@ -198,10 +194,9 @@ class Traffic:
             for one, ours, another, its in (
                 (member, world, other, theirs), (other, theirs, member, world)
             ):  # fmt: skip
-                flies = one.situation.state is State.MOVING
-                if flies and _approaches(ours, its, across, tall):
+                if one.situation.flies and _approaches(ours, its, across, tall):
                     reason = f"stopped, separation: {another.name} came too near"
-                    self._members[one.name][1](partial(one.part, reason))
+                    self._members[one.name][1](partial(one.give_way, reason))
 
     def _others(self, name: str, *, only: str = "") -> list[Participant]:
         members = (self._members[only],) if only else tuple(self._members.values())
@@ -211,27 +206,24 @@ class Traffic:
 def _neighbours(other: Participant, world: World, across: float, tall: float) -> list[Neighbour]:
     s, waits = other.situation, other.held is not None
     space = reserved(s, world)
-    if rests(s, world):
+    if stays(s, world):
         return [Neighbour(other.name, space, across, tall, How.IS, clears=waits)]
-    end = astuple(s.paused.goal if s.paused and not s.corners else s.end)
+    end = s.paused.goal if s.paused and not s.corners else s.end
     found = [Neighbour(other.name, space, across, tall, How.FLIES, clears=True)]
-    if not s.settling:
+    if not s.stops:
         # There it will stay.
-        stays = (Piece(end, end),)
-        found.insert(0, Neighbour(other.name, stays, across, tall, How.ENDS, clears=waits))
+        there = (Piece(end, end),)
+        found.insert(0, Neighbour(other.name, there, across, tall, How.ENDS, clears=waits))
     return found
 
 
 def _is_far(a: Pose, b: Pose, keep: float, deceleration: float) -> bool:
     """Return whether two vehicles can stop before they are `keep` (m) apart, whatever their courses."""
     reach = keep
-    for v in (a.velocity, b.velocity):
-        speed = sqrt(v.x * v.x + v.y * v.y + v.z * v.z)
-        reach += _REACTION * speed + speed * speed / deceleration
-    dx, dy, dz = (
-        a.position.x - b.position.x, a.position.y - b.position.y, a.position.z - b.position.z
-    )  # fmt: skip
-    return dx * dx + dy * dy + dz * dz > reach * reach
+    for pose in (a, b):
+        speed = hypot(*velocity_of(pose))
+        reach += LAGS * speed + speed * speed / deceleration
+    return dist(place_of(a), place_of(b)) > reach
 
 
 def _meet(a: Piece, b: Piece, across: float, tall: float) -> bool:
@@ -247,21 +239,21 @@ def _stop_path(member: Participant) -> Piece:
     but its speed.
     """
     pose, s = member.pose, member.situation
-    place, v = astuple(pose.position), astuple(pose.velocity)
-    end = astuple(soonest_stop(pose, _SHARE * member.world().envelope.deceleration))
-    end = tuple(e + _REACTION * w for e, w in zip(end, v, strict=True))
+    place, braking = place_of(pose), _SHARE * member.world().envelope.deceleration
+    end = soonest_stop(pose, braking)
+    x, y, z = (e + LAGS * v for e, v in zip(end, velocity_of(pose), strict=True))
     off = off_course(s, pose)
-    if s.settling or off < _FAR:
+    if s.stops or off < _FAR:
         slack = min(off, _FAR)
-        end = tuple(
+        x, y, z = (
             min(max(e, min(a, p) - slack), max(b, p) + slack)
-            for e, p, a, b in zip(end, place, *motion(s), strict=True)
+            for e, p, a, b in zip((x, y, z), place, *motion(s), strict=True)
         )
-    return Piece(place, end)
+    return Piece(place, (x, y, z))
 
 
 def _approaches(a: World, b: World, across: float, tall: float) -> bool:
     """Return whether a vehicle's own motion brings it nearer to another one."""
-    p, q, v = a.pose.position, b.pose.position, a.pose.velocity
+    (x, y, z), (qx, qy, qz), (vx, vy, vz) = a.place, b.place, velocity_of(a.pose)
     wide, high = across * across, tall * tall
-    return ((q.x - p.x) * v.x + (q.y - p.y) * v.y) / wide + (q.z - p.z) * v.z / high > 0
+    return ((qx - x) * vx + (qy - y) * vy) / wide + (qz - z) * vz / high > 0

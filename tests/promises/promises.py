@@ -157,7 +157,7 @@ a zone that the straight way crosses
     a_zone_added_in_flight_holds_at_once random_flights_never_enter_a_zone
     a_leg_that_begins_near_the_floor_bends
     10_000_random_flights_among_random_zones_enter_none a_search_of_100_000_flights_enters_no_zone
-  - unit/safety/zones: a_million_decisions_about_zones_agree_with_shapely
+  - unit/airspace/zones: a_million_decisions_about_zones_agree_with_shapely
     a_boundary_belongs_to_the_allowed_side
   - flight/zones: zones_of_the_file_bar_ways_and_the_vehicle_flies_around_them
   = greatest depth in a zone
@@ -197,7 +197,7 @@ an autopilot that is not ours in the place of the vehicle, over a bad radio
   = 100 flights of an autopilot
 a goal on the wall itself
   accepted: the wall belongs to the cage, to the last bit
-  - unit/safety/cage: a_face_is_inside_the_cage_to_the_last_bit
+  - unit/airspace/cage: a_face_is_inside_the_cage_to_the_last_bit
   - flight/checkpoint_2: a_goal_on_the_boundary_is_inside_the_cage
 a cage too small to hold the vehicle
   less than 0.2 m is refused: in a file, on the command line, in flight

@@ -3,11 +3,13 @@
 import random
 from typing import NamedTuple
 
+from msgspec.structs import astuple
+
 from quadctl.schemas.messages import CageSize, Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import ZoneParams
-from quadctl.services.safety.cage import beyond
-from quadctl.services.safety.zones import Region
+from quadctl.services.airspace.stopping import outside
+from quadctl.services.airspace.zones import Region
 from tests.support.evolved import evolve
 from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, periods, random_height
 from tests.support.zone_flights import random_zone
@@ -52,7 +54,8 @@ class _Flight(MonitoredVehicle):
             self.obey()
             for _ in range(LOOKS):
                 self.advance()
-                worst = max(worst, beyond(self.place, cage), region.excess(self.place, self.place))
+                place = astuple(self.place)
+                worst = max(worst, outside(*place, *astuple(cage)), region.excess(place, place))
         return worst
 
 

@@ -53,7 +53,7 @@ class MonitoredVehicle:
         s = self.monitor.situation
         speed = math.hypot(*self.vehicle.velocity)
         waits = self.monitor.held is not None
-        return s.state is State.HOVERING and not s.settling and speed < 1e-3 and not waits
+        return s.state is State.HOVERING and not s.stops and speed < 1e-3 and not waits
 
     def see(self) -> None:
         """Show the vehicle's pose to its monitor."""

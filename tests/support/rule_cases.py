@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from quadctl.schemas.messages import Position
-from quadctl.services.safety.cage import SLACK, leeway
+from quadctl.services.airspace.geometry import Point
+from quadctl.services.airspace.routes import FlightPath
+from quadctl.services.airspace.stopping import SLACK
 from quadctl.services.safety.model import (
     Booted,
     Check,
     Event,
+    FlightPhase,
+    GoalVerdict,
     Gone,
     Goto,
     Halted,
@@ -36,7 +39,6 @@ from tests.support.worlds import (
     AT_RANGE,
     AT_REST,
     BEHIND,
-    BELOW,
     BESIDE_CORNER,
     BLIND,
     BY,
@@ -93,7 +95,7 @@ class Case(NamedTuple):
     @property
     def situation(self) -> Situation:
         """Return the situation before the event."""
-        return replace(PLAIN, state=self.at, **self.given)
+        return replace(PLAIN, **AT[self.at] | self.given)
 
     @property
     def expected(self) -> Situation:
@@ -101,80 +103,88 @@ class Case(NamedTuple):
         return replace(self.situation, **self.then)
 
 
-def stopped(reason: str, goal: Position = HERE) -> dict[str, Any]:
-    return {
-        "state": HOVERING, "goal": goal, "brake": True, "settling": True, "takeoff": False,
-        "reason": reason,
-    }  # fmt: skip
+AT: dict[State, dict[str, Any]] = {
+    HOVERING: {},
+    VERIFYING: {"candidate": Goto(OUTSIDE)},
+    MOVING: {"phase": FlightPhase.FLYING},
+}
+"""Differences of a situation in each state from PLAIN."""
 
 
-def guarded(reason: str, goal: Position = HERE) -> dict[str, Any]:
+def stopped(reason: str, goal: Point = HERE) -> dict[str, Any]:
+    return {"candidate": None, "goal": goal, "phase": FlightPhase.STOPPING, "reason": reason}
+
+
+def guarded(reason: str, goal: Point = HERE) -> dict[str, Any]:
     """Return the changes of a stop by a guard that reports it once."""
     return stopped(reason, goal) | {"beyond": inf}
 
 
 def caged(world: World) -> dict[str, Any]:
     """Return the changes of a new cage while the vehicle leaves it."""
-    return {"beyond": leeway(world) + SLACK, "since": 4.0}
+    return {"beyond": world.leeway() + SLACK, "since": 4.0}
 
 
 def waiting(reason: str, takeoff: bool = False) -> dict[str, Any]:
-    return stopped(reason) | {"paused": Goto(GOAL, takeoff=takeoff)}
+    return stopped(reason) | {"phase": FlightPhase.PAUSED, "paused": Goto(GOAL, takeoff=takeoff)}
 
 
-def considered(goal: Goto, back: State) -> dict[str, Any]:
-    return {"state": VERIFYING, "request": 8, "candidate": goal, "back": back, "reason": ""}
+def considered(goal: Goto) -> dict[str, Any]:
+    return {"request": 8, "candidate": goal, "reason": ""}
 
 
-def refused(state: State, reason: str) -> dict[str, Any]:
-    return {"state": state, "request": 8, "reason": reason}
+def refused(reason: str) -> dict[str, Any]:
+    return {"request": 8, "reason": reason}
+
+
+def flown(*points: Point) -> Check:
+    """Return the verdict that a route by these points is flown."""
+    return Check(GoalVerdict(FlightPath(HERE, None, points)))
 
 
 BOOT = {
-    "state": HOVERING, "boot": "b2", "goal": HERE, "brake": True, "settling": False,
-    "takeoff": False, "beyond": SLACK, "since": 4.0, "reason": "anew",
+    "candidate": None, "boot": "b2", "goal": HERE, "phase": FlightPhase.STOPPED, "beyond": SLACK,
+    "since": 4.0, "reason": "anew",
 }  # fmt: skip
-TAKEN = {
-    "state": MOVING, "brake": False, "settling": False, "takeoff": False, "reason": "",
-}  # fmt: skip
+TAKEN = {"candidate": None, "goal": INSIDE, "phase": FlightPhase.FLYING, "reason": ""}
 INSIDE_AGAIN, TOLD, STRICT = {"beyond": 0.0}, {"beyond": inf}, {"beyond": 0.0}
 CAGED, FAR_OUT = {"beyond": SLACK, "since": 4.0}, caged(FASTER)
 BESIDE = "stopped, the path led out of the cage by 0.05 m"
 NOTHING: dict[str, Any] = {}
-STOPPING = {"brake": True, "settling": True}
-TAKING_OFF = {"takeoff": True}
+STOPPING = {"phase": FlightPhase.STOPPING}
+TAKING_OFF = {"phase": FlightPhase.TAKING_OFF}
 OFF, FAR = {"cage_on": False}, {"goal": OUTSIDE}
-FROM_FLIGHT = {"back": MOVING}
-FOR_INSIDE, FOR_BELOW = {"candidate": Goto(INSIDE)}, {"candidate": Goto(BELOW)}
+FROM_FLIGHT = {"phase": FlightPhase.FLYING}
+YES, NO = flown(INSIDE), Check(GoalVerdict(FlightPath(HERE, None, (OUTSIDE,)), BEYOND))
+NOT_TAKEN = {"candidate": None, "reason": BEYOND}
 SILENT, LAGGED = Gone("no pose for 1 s"), Lagged("the vehicle received no setpoint for 0.3 s")
 PAUSE = "paused: no pose for 0.2 s"
-PAUSED = {"paused": Goto(GOAL), "brake": True, "settling": True, "reason": PAUSE}
+PAUSED = {"paused": Goto(GOAL), "phase": FlightPhase.PAUSED, "reason": PAUSE}
 WENT_ON = "went on after a pause: "
 RESUMED = {
-    "state": MOVING, "goal": GOAL, "brake": False, "settling": False, "takeoff": False,
-    "paused": None, "reason": f"{WENT_ON}no pose for 0.2 s",
+    "phase": FlightPhase.FLYING, "goal": GOAL, "paused": None, "reason": f"{WENT_ON}no pose for 0.2 s",
 }  # fmt: skip
-OVER = {"paused": None}
-CHANGED = {"paused": None, "reason": "stopped, the cage was changed during a pause"}
+OVER = {"paused": None, "phase": FlightPhase.STOPPING}
+CHANGED = OVER | {"reason": "stopped, the cage was changed during a pause"}
 GIVEN_UP = "no pose for 1 s: stopped"
 GOTO, REPLACE, BOOTED = Goto(INSIDE), Goto(INSIDE, replace=True), Booted("anew")
 HALTED = Halted("by itself")
 
-ON_LEG = {"corners": (INSIDE,), "leg": 1, "legs": 2}
-NO_LEG: dict[str, Any] = {"corners": (), "leg": 0, "legs": 0}
-SETTLED = {"brake": True, "goal": HERE, "candidate": Goto(GOAL)}
+ON_LEG = {"corners": (INSIDE,), "legs": 2}
+NO_LEG: dict[str, Any] = {"corners": (), "legs": 0}
 CROSSES = "the way crosses the zone tower"
+ARRIVED = {"phase": FlightPhase.HOLDING, "reason": ""}
 
 # fmt: off
 CASES = (
-    Case(HOVERING, "blind", GOTO, refused(HOVERING, NO_POSE), BLIND),
-    Case(HOVERING, "blind", REPLACE, refused(HOVERING, NO_POSE), BLIND),
-    Case(HOVERING, "blind", GOTO, refused(HOVERING, f"paused: {NO_POSE}; no goal is taken during a pause"),
+    Case(HOVERING, "blind", GOTO, refused(NO_POSE), BLIND),
+    Case(HOVERING, "blind", REPLACE, refused(NO_POSE), BLIND),
+    Case(HOVERING, "blind", GOTO, refused(f"paused: {NO_POSE}; no goal is taken during a pause"),
          BLIND, PAUSED),
-    Case(HOVERING, "always", GOTO, considered(GOTO, HOVERING)),
-    Case(HOVERING, "always", Goto(OUTSIDE), considered(Goto(OUTSIDE), HOVERING)),
-    Case(HOVERING, "always", GOTO, considered(GOTO, HOVERING), given=FROM_FLIGHT),
-    Case(HOVERING, "always", Check(), NOTHING),
+    Case(HOVERING, "always", GOTO, considered(GOTO)),
+    Case(HOVERING, "always", Goto(OUTSIDE), considered(Goto(OUTSIDE))),
+    Case(HOVERING, "always", YES, NOTHING),
+    Case(HOVERING, "always", NO, NOTHING),
     Case(HOVERING, "jumped", Seen(), guarded(JUMPED), LEAPT),
     Case(HOVERING, "jumped", Seen(), guarded(JUMPED), LEAPT_TO_REST, STOPPING),
     Case(HOVERING, "jumped", Seen(), guarded("stopped, the pose jumped by 5.05 m in 0.05 s", OUT),
@@ -188,8 +198,8 @@ CASES = (
     Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER),
     Case(HOVERING, "straying", Seen(), guarded(ASTRAY, OUT), SLOWER, STOPPING),
     Case(HOVERING, "straying", Seen(), guarded(BESIDE, OUT), RESTS_OUT, STOPPING | STRICT),
-    Case(HOVERING, "settled", Seen(), {"goal": HERE, "settling": False}, AT_REST, STOPPING),
-    Case(HOVERING, "settled", Seen(), {"goal": OUT, "settling": False}, RESTS_OUT, STOPPING | TOLD),
+    Case(HOVERING, "settled", Seen(), {"goal": HERE, "phase": FlightPhase.STOPPED}, AT_REST, STOPPING),
+    Case(HOVERING, "settled", Seen(), {"goal": OUT, "phase": FlightPhase.STOPPED}, RESTS_OUT, STOPPING | TOLD),
     Case(HOVERING, "always", Seen(), INSIDE_AGAIN, RUSHED),
     Case(HOVERING, "always", Seen(), INSIDE_AGAIN),
     Case(HOVERING, "always", Seen(), INSIDE_AGAIN, given=STOPPING),
@@ -208,12 +218,12 @@ CASES = (
     Case(HOVERING, "always", HALTED, NOTHING, given=STOPPING),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED),
     Case(HOVERING, "always", BOOTED, BOOT, REBOOTED, STOPPING),
-    Case(HOVERING, "always", BOOTED, BOOT | OVER, REBOOTED, PAUSED),
+    Case(HOVERING, "always", BOOTED, BOOT | {"paused": None}, REBOOTED, PAUSED),
     Case(HOVERING, "always", Hold(), stopped(HELD)),
     Case(HOVERING, "always", Hold(), stopped(HELD) | OVER, given=PAUSED),
     Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED | CHANGED, given=PAUSED),
     Case(HOVERING, "always", Toggle(cage_on=False), OFF | CAGED | CHANGED | NO_LEG, given=PAUSED | ON_LEG),
-    Case(HOVERING, "always", GOTO, considered(GOTO, HOVERING) | OVER | NO_LEG, given=PAUSED | ON_LEG),
+    Case(HOVERING, "always", GOTO, considered(GOTO) | OVER | NO_LEG, given=PAUSED | ON_LEG),
     Case(HOVERING, "paused", Seen(), RESUMED, given=PAUSED | ON_LEG),
     Case(HOVERING, "always", Resized(), CAGED | CHANGED, given=PAUSED),
     Case(HOVERING, "barred", Toggle(cage_on=True), stopped(IN_PLACE) | {"cage_on": True} | CAGED,
@@ -228,40 +238,25 @@ CASES = (
     Case(HOVERING, "always", Resized(), FAR_OUT, FASTER),
     Case(HOVERING, "always", Resized(), CAGED, given=OFF | FAR),
     Case(HOVERING, "always", Resized(), CAGED, given=FAR | STOPPING),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | STOPPING),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | FROM_FLIGHT),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE}, given=FOR_INSIDE | TAKING_OFF),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": OUTSIDE}, given=OFF),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, "takeoff": True},
-         given={"candidate": Goto(INSIDE, takeoff=True)}),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE},
-         given=FROM_FLIGHT | FAR | FOR_INSIDE),
-    Case(VERIFYING, "permitted", Check(), {**TAKEN, "goal": INSIDE, **FAR_OUT},
-         FASTER, FOR_INSIDE | TOLD),
-    Case(VERIFYING, "permitted", Check((BY, BEHIND)),
-         {**TAKEN, "goal": BY, "corners": (BEHIND, GOAL), "leg": 1, "legs": 3}, AMONG, SETTLED),
-    Case(VERIFYING, "permitted", Check((BY, BEHIND)), {**TAKEN, "goal": GOAL}, AMONG, SETTLED | OFF),
-    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": CROSSES}, AMONG, SETTLED),
-    Case(VERIFYING, "always", Check((BY,)), {"state": HOVERING, "reason": CROSSES}, AMONG, SETTLED),
-    Case(VERIFYING, "always", Check((OUTSIDE,)), {"state": HOVERING, "reason": BEYOND}, AMONG, SETTLED),
-    Case(VERIFYING, "always", Check((), searched=True),
-         {"state": HOVERING, "reason": f"{CROSSES}; no way around it was found"}, AMONG, SETTLED),
-    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": "inside the zone tower"}, AMONG,
-         SETTLED | FOR_INSIDE),
-    Case(VERIFYING, "barred", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR),
-    Case(VERIFYING, "barred", Check(), stopped(BARRED), given=FROM_FLIGHT | FAR | TAKING_OFF),
-    Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": BEYOND}, given=FROM_FLIGHT),
-    Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": BEYOND},
-         given=FROM_FLIGHT | TAKING_OFF),
-    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}),
-    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}, given=STOPPING),
-    Case(VERIFYING, "barred", Check(), stopped(BARRED), given=FAR),
-    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": BEYOND}, given=FOR_BELOW),
-    Case(VERIFYING, "always", Check(), {"state": HOVERING, "reason": UNDER}, given=OFF | FOR_BELOW),
-    Case(VERIFYING, "from_flight", Check(), {"state": MOVING, "reason": UNDER},
-         given=OFF | FOR_BELOW | FROM_FLIGHT),
-    Case(VERIFYING, "always", GOTO, refused(VERIFYING, BUSY)),
+    Case(VERIFYING, "permitted", YES, TAKEN),
+    Case(VERIFYING, "permitted", YES, TAKEN, given=STOPPING),
+    Case(VERIFYING, "permitted", YES, TAKEN, given=FROM_FLIGHT),
+    Case(VERIFYING, "permitted", YES, TAKEN, given=TAKING_OFF),
+    Case(VERIFYING, "permitted", YES, TAKEN, given=OFF),
+    Case(VERIFYING, "permitted", YES, TAKEN | TAKING_OFF, given={"candidate": Goto(INSIDE, takeoff=True)}),
+    Case(VERIFYING, "permitted", YES, TAKEN, given=FROM_FLIGHT | FAR),
+    Case(VERIFYING, "permitted", YES, TAKEN | FAR_OUT, FASTER, TOLD),
+    Case(VERIFYING, "permitted", flown(BY, BEHIND, GOAL),
+         TAKEN | {"goal": BY, "corners": (BEHIND, GOAL), "legs": 3}),
+    Case(VERIFYING, "barred", NO, stopped(BARRED), given=FAR),
+    Case(VERIFYING, "barred", NO, stopped(BARRED), given=FROM_FLIGHT | FAR),
+    Case(VERIFYING, "barred", NO, stopped(BARRED), given=TAKING_OFF | FAR),
+    Case(VERIFYING, "from_flight", NO, NOT_TAKEN, given=FROM_FLIGHT),
+    Case(VERIFYING, "from_flight", NO, NOT_TAKEN, given=TAKING_OFF),
+    Case(VERIFYING, "always", NO, NOT_TAKEN),
+    Case(VERIFYING, "always", NO, NOT_TAKEN, given=STOPPING),
+    Case(VERIFYING, "always", NO, NOT_TAKEN, given=OFF),
+    Case(VERIFYING, "always", GOTO, refused(BUSY)),
     Case(VERIFYING, "always", Seen(), NOTHING),
     Case(VERIFYING, "always", Seen(), NOTHING, NEAR),
     Case(VERIFYING, "always", Lost(0.2), stopped(LOST)),
@@ -274,24 +269,25 @@ CASES = (
     Case(VERIFYING, "always", Toggle(cage_on=False), OFF | CAGED),
     Case(VERIFYING, "always", Resized(), CAGED),
     Case(VERIFYING, "always", Resized(), caged(SLOWER), SLOWER),
-    Case(MOVING, "blind", GOTO, refused(MOVING, NO_POSE), BLIND),
-    Case(MOVING, "blind", REPLACE, refused(MOVING, NO_POSE), BLIND),
-    Case(MOVING, "blind", GOTO, refused(MOVING, NO_POSE), BLIND, TAKING_OFF),
-    Case(MOVING, "may_replace", REPLACE, considered(REPLACE, MOVING)),
-    Case(MOVING, "may_replace", GOTO, considered(GOTO, MOVING), given=TAKING_OFF),
-    Case(MOVING, "always", GOTO, refused(MOVING, BUSY)),
-    Case(MOVING, "always", Check(), NOTHING),
-    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, NEAR),
-    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", **NO_LEG}, NEAR, {"leg": 2, "legs": 2}),
-    Case(MOVING, "cornering", Seen(), {"goal": INSIDE, "corners": (), "leg": 2}, AT_CORNER, ON_LEG),
+    Case(MOVING, "blind", GOTO, refused(NO_POSE), BLIND),
+    Case(MOVING, "blind", REPLACE, refused(NO_POSE), BLIND),
+    Case(MOVING, "blind", GOTO, refused(NO_POSE), BLIND, TAKING_OFF),
+    Case(MOVING, "may_replace", REPLACE, considered(REPLACE)),
+    Case(MOVING, "may_replace", GOTO, considered(GOTO), given=TAKING_OFF),
+    Case(MOVING, "always", GOTO, refused(BUSY)),
+    Case(MOVING, "always", YES, NOTHING),
+    Case(MOVING, "always", NO, NOTHING),
+    Case(MOVING, "arrived", Seen(), ARRIVED, NEAR),
+    Case(MOVING, "arrived", Seen(), ARRIVED | NO_LEG, NEAR, {"legs": 2}),
+    Case(MOVING, "cornering", Seen(), {"goal": INSIDE, "corners": ()}, AT_CORNER, ON_LEG),
     Case(MOVING, "cornering", Seen(), INSIDE_AGAIN, NEAR, ON_LEG),
     Case(MOVING, "cornering", Seen(), INSIDE_AGAIN, AT_REST, ON_LEG),
     Case(MOVING, "cornering", Seen(), INSIDE_AGAIN, PASSING_CORNER, ON_LEG),
     Case(MOVING, "cornering", Seen(), INSIDE_AGAIN, BESIDE_CORNER, ON_LEG),
     Case(MOVING, "straying", Seen(), guarded(BESIDE, OUT) | NO_LEG, RESTS_OUT,
          ON_LEG | STRICT | {"goal": OUT}),
-    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": ""}, AT_CORNER),
-    Case(MOVING, "arrived", Seen(), {"state": HOVERING, "reason": "", "takeoff": False}, NEAR,
+    Case(MOVING, "arrived", Seen(), ARRIVED, AT_CORNER),
+    Case(MOVING, "arrived", Seen(), ARRIVED, NEAR,
          TAKING_OFF),
     Case(MOVING, "jumped", Seen(), guarded(JUMPED), LEAPT),
     Case(MOVING, "jumped", Seen(), guarded(JUMPED), LEAPT, TAKING_OFF),
@@ -302,14 +298,14 @@ CASES = (
     Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER, {"goal": OUT}),
     Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER, {"beyond": 0.2375}),
     Case(MOVING, "always", Seen(), NOTHING, FASTER, {"beyond": 0.2425}),
-    Case(MOVING, "always", Seen(), {"beyond": leeway(AS_FAST)}, AS_FAST, {"beyond": 9.0}),
+    Case(MOVING, "always", Seen(), {"beyond": AS_FAST.leeway()}, AS_FAST, {"beyond": 9.0}),
     Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), SLOWER),
     Case(MOVING, "always", Seen(), NOTHING, AS_FAST, {"beyond": 9.0, "since": 3.6}),
     Case(MOVING, "always", Seen(), NOTHING, FASTER, OFF),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, RUSHED),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_RANGE),
-    Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_REST, STOPPING),
+    Case(MOVING, "always", Seen(), INSIDE_AGAIN, AT_REST),
     Case(MOVING, "always", Lost(0.2), waiting(PAUSE)),
     Case(MOVING, "always", Lost(0.2), waiting(PAUSE) | ON_LEG, given=ON_LEG),
     Case(MOVING, "always", Lost(0.2), waiting(PAUSE, takeoff=True), given=TAKING_OFF),

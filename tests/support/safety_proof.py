@@ -51,11 +51,17 @@ from msgspec.structs import asdict, astuple, replace
 from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import ZoneParams
-from quadctl.services.safety import automaton, cage, monitor, way
+from quadctl.services.airspace import routes, stopping
+from quadctl.services.airspace.geometry import Box, Point
+from quadctl.services.airspace.separation import How, Neighbour
+from quadctl.services.airspace.zones import Nearest, Region
+from quadctl.services.safety import automaton, monitor, motion
 from quadctl.services.safety.model import (
     Booted,
     Check,
     Event,
+    FlightPhase,
+    GoalVerdict,
     Gone,
     Goto,
     Halted,
@@ -69,8 +75,6 @@ from quadctl.services.safety.model import (
     World,
 )
 from quadctl.services.safety.monitor import Monitor
-from quadctl.services.safety.separation import How, Neighbour
-from quadctl.services.safety.zones import Box, Nearest, Region
 from tests.support.symbolic import (
     FLOAT,
     OPAQUE,
@@ -128,8 +132,8 @@ class AnyRegion(Region):
     def __bool__(self) -> bool:
         return bool(Truth(ZONED))
 
-    def why_inside(self, point: Position) -> str:
-        return barred("inside", *astuple(point))
+    def why_inside(self, p: Point) -> str:
+        return barred("inside", *p)
 
     def why_overlaps(self, box: Box) -> str:
         return barred("overlaps", *box[0], *box[1])
@@ -188,87 +192,70 @@ def related(name: str, *numbers: object) -> Truth:
 
 
 OPAQUE[tuple[Neighbour, ...]] = lambda: iter((AnyOthers(),))
+# A verdict is made from the situation and the world that a check meets.
+OPAQUE[GoalVerdict] = lambda: iter((None,))
 OPAQUE[Region] = lambda: iter((AnyRegion(),))
 OPAQUE[Box | None] = lambda: iter((AnyBox(),))
 # The zones themselves are read by Region alone.
 OPAQUE[list[ZoneParams]] = lambda: iter(([],))
 
 
-def somewhere(name: str, *numbers: object) -> Position:
-    return Position(*(opaque(f"{name} {axis}", *numbers) for axis in "xyz"))  # type: ignore[arg-type]
+def somewhere(name: str, *numbers: object) -> Any:
+    """Return any point, the same again for the same numbers."""
+    return tuple(opaque(f"{name} {axis}", *numbers) for axis in "xyz")
 
 
-def flat(*points: Position) -> list[float]:
-    return [number for point in points for number in astuple(point)]
+def flat(*points: Point) -> list[float]:
+    return [number for point in points for number in point]
 
 
-def box_around(*points: Position) -> Box:
+def box_around(*points: Point) -> Box:
     numbers = flat(*points)
     low, high = (somewhere(f"{end} of {len(points)}", *numbers) for end in ("low", "high"))
-    return astuple(low), astuple(high)
-
-
-def any_corners(*_: object) -> tuple[Position, ...]:
-    """Return up to two corners: the automaton takes the first from the rest, as of more."""
-    corners: tuple[Position, ...] = ()
-    while len(corners) < 2 and Truth():
-        corners = (*corners, next(unknown(Position)))
-    return corners
-
-
-def any_stops(_s: Situation, w: World, _motion: Box) -> Box:
-    """Return any box, the same again for the same place and speed."""
-    about = (*astuple(w.pose.position), *astuple(w.pose.velocity))
-    low, high = (astuple(somewhere(name, *about)) for name in ("lowest", "highest"))
     return low, high
+
+
+def any_corners(*_: object) -> tuple[Point, ...]:
+    """Return none, or one: a route has the goal after it, so its first point is taken from the rest."""
+    return (next(unknown(Point)),) if Truth() else ()
+
+
+def any_stops(_s: Situation, w: World) -> Box:
+    """Return any box, the same again for the same place and speed."""
+    about = (*w.place, *astuple(w.pose.velocity))
+    return somewhere("lowest", *about), somewhere("highest", *about)
 
 
 @contextmanager
 def abstracted() -> Iterator[None]:
     """Replace the geometry by unknown numbers."""
     with pytest.MonkeyPatch.context() as patch:
-        for owner in (automaton, way):
+        for owner in (automaton, motion):
             patch.setattr(owner, "motion", lambda s: box_around(s.origin, s.goal))
-        for name in ("around", "bend"):
-            patch.setattr(way, name, box_around)
-        patch.setattr(way, "stops_in", any_stops)
+        for owner in (motion, routes):
+            for name in ("around", "bend"):
+                patch.setattr(owner, name, box_around)
+        patch.setattr(motion, "_stop_box", any_stops)
         # The words of a refusal alone depend on it there.
-        patch.setattr(automaton, "LOW", -inf)
-        for owner in (automaton, monitor):
-            patch.setattr(owner, "too_near", found_by("near"))
-        patch.setattr(way, "conflicts", found_by("bent"))
-        patch.setattr(way, "space_of", lambda *_: ())
-        for owner in (automaton, way):
-            patch.setattr(
-                owner,
-                "is_there",
-                lambda s, w: related(
-                    "there", *flat(s.goal, w.pose.position), s.commanded, w.rested
-                ),
-            )
+        patch.setattr(motion, "LOW", -inf)
+        patch.setattr(motion, "too_near", found_by("near"))
+        patch.setattr(motion, "conflicts", found_by("bent"))
+        patch.setattr(motion, "space_of", lambda *_: ())
         patch.setattr(
-            way,
+            motion,
             "_is_within",
-            lambda most, s, w: related(f"within {most}", *flat(s.goal, w.pose.position)),
+            lambda most, s, w: related(f"within {most}", *flat(s.goal, w.place)),
         )
-        patch.setattr(
-            way,
-            "_stands_still",
-            lambda s, w: related("still", *astuple(w.pose.velocity), s.commanded),
-        )
-        for owner in (automaton, monitor):
-            patch.setattr(owner, "why_barred", lambda w, _: barred("way", *flat(*w.points)))
-        patch.setattr(
-            automaton, "why_stopped", lambda s, w: barred("rest", *flat(w.pose.position, s.goal))
-        )
+        patch.setattr(motion, "why_barred", lambda route, _: barred("way", *flat(*route.points)))
+        patch.setattr(motion, "_why_zoned", lambda s, w: barred("rest", *flat(w.place, s.goal)))
+        patch.setattr(motion, "way_around", any_corners)
+        patch.setattr(motion, "isfinite", lambda number: Truth(finite(number)))
         patch.setattr(monitor, "Region", lambda _: AnyRegion())
-        patch.setattr(monitor, "way_around", any_corners)
-        patch.setattr(monitor, "nearest", lambda _: Nearest("any", Number()))  # type: ignore[arg-type]
-        for owner in (automaton, cage):
+        patch.setattr(monitor, "nearest", lambda *_: Nearest("any", Number()))  # type: ignore[arg-type]
+        for owner in (automaton, stopping):
             patch.setattr(owner, "dist", lambda a, b: opaque("dist", *a, *b))
-            patch.setattr(owner, "leeway", lambda _w: Number())
-        patch.setattr(automaton, "stopping_excess", lambda _w: Number())
-        patch.setattr(automaton, "isfinite", lambda number: Truth(finite(number)))
+        for name in ("leeway", "stopping_excess"):
+            patch.setattr(World, name, lambda _w: Number())
         yield
 
 
@@ -276,7 +263,7 @@ def abstracted() -> Iterator[None]:
 def summarized() -> Iterator[None]:
     """Replace `why_outside` by what `prove_cage` proves of it: one decision for its six."""
     with pytest.MonkeyPatch.context() as patch:
-        for owner in (automaton, monitor):
+        for owner in (motion, monitor):
             patch.setattr(
                 owner, "why_outside", lambda p, c: "" if Truth(inside(p, c)) else "outside"
             )
@@ -287,83 +274,78 @@ def finite(number: object) -> z3.BoolRef:
     return z3.Not(z3.Or(z3.fpIsNaN(term(number)), z3.fpIsInf(term(number))))
 
 
-def inside(point: Position, cage: CageSize) -> z3.BoolRef:
+def inside(point: Point, cage: CageSize) -> z3.BoolRef:
     """Return whether a point is in the cage, the walls included; NaN is not."""
-    x, y, z = map(term, astuple(point))
+    x, y, z = map(term, point)
     a, b, c = map(term, astuple(cage))
     return z3.And(-a <= x, x <= a, -b <= y, y <= b, term(0.0) <= z, z <= c)
 
 
-def place(point: Position) -> z3.BoolRef:
+def place(point: Point) -> z3.BoolRef:
     """Return whether a point is finite and not below the floor."""
-    return z3.And(*map(finite, astuple(point)), term(point.z) >= term(0.0))
+    return z3.And(*map(finite, point), term(point[2]) >= term(0.0))
 
 
-def same(a: Position, b: Position) -> z3.BoolRef:
+def same(a: Point, b: Point) -> z3.BoolRef:
     """Return whether two points are the same to the last bit."""
-    return z3.And(*(term(x) == term(y) for x, y in zip(astuple(a), astuple(b), strict=True)))
+    return z3.And(*(term(x) == term(y) for x, y in zip(a, b, strict=True)))
+
+
+TRUE, FALSE = z3.BoolVal(True), z3.BoolVal(False)
 
 
 def invariant(s: Situation, cage: CageSize, fresh: z3.BoolRef) -> Clauses:
     """Return the clauses that hold between any two events."""
-    brake, settling, on = term(s.brake), term(s.settling), term(s.cage_on)
-    moving, flying, paused = s.state is MOVING, z3.Not(brake), s.paused is not None
-    returns = s.state is VERIFYING and s.back is MOVING
+    on, verified = term(s.cage_on), s.candidate is not None
     legal = z3.Implies(on, inside(s.goal, cage))
     later = s.paused.goal if s.paused else None
-    resumable = z3.And(place(later), z3.Implies(on, inside(later, cage))) if later else True
-    cornered = z3.And(True, *(z3.Implies(on, inside(c, cage)) for c in s.corners))
-    placed = z3.And(True, *map(place, s.corners))
+    resumable = z3.And(place(later), z3.Implies(on, inside(later, cage))) if later else TRUE
+    cornered = z3.And(TRUE, *(z3.Implies(on, inside(c, cage)) for c in s.corners))
     return {
-        "corners are places": placed,
-        "corners are inside if the cage is on": z3.Implies(s.state is not VERIFYING, cornered),
+        "corners are places": z3.And(TRUE, *map(place, s.corners)),
+        "corners are inside if the cage is on": z3.Implies(not verified, cornered),
         "a flight that has ended has no corners": z3.BoolVal(
-            not s.corners or s.state is MOVING or paused or returns
+            not s.corners or s.flies or s.paused is not None
         ),
-        "never MOVING with the cage on and the goal outside": z3.Implies(moving, legal),
+        "never MOVING with the cage on and the goal outside": z3.Implies(s.state is MOVING, legal),
         "no setpoint outside with the cage on, but to brake": z3.Implies(
-            z3.And(s.state is not VERIFYING, flying), legal
+            not verified and not s.brake, legal
         ),
         "no setpoint that is no place, or below the floor, but to brake": z3.Implies(
-            flying, place(s.goal)
+            not s.brake, place(s.goal)
         ),
-        "MOVING does not brake": z3.Implies(moving or returns, flying),
-        "only a vehicle that brakes settles": z3.Implies(settling, brake),
-        "a pause brakes, and its goal is inside if the cage is on": z3.Implies(
-            paused, z3.And(s.state is HOVERING, brake, settling, resumable)
+        "a pause alone has a flight to resume, and its goal is inside if the cage is on": z3.And(
+            (s.paused is not None) is (s.phase is FlightPhase.PAUSED), resumable
         ),
-        "a flight is verified from HOVERING or MOVING": z3.BoolVal(s.back is not VERIFYING),
+        "nothing is verified in a pause": z3.BoolVal(not (verified and s.paused)),
         "nothing is verified or MOVING without a pose": z3.Implies(s.state is not HOVERING, fresh),
     }
 
 
 def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
     """Return the clauses that hold for an event."""
-    check = isinstance(e, Check) and s.state is VERIFYING
-    straight = isinstance(e, Check) and not e.corners
-    candidate, fresh = s.candidate.goal, term(w.fresh)
-    continues = z3.And(z3.Not(term(s.brake)), same(after.goal, s.goal))
+    check = isinstance(e, Check) and s.candidate is not None
+    candidate, fresh = s.candidate.goal if s.candidate else s.goal, term(w.fresh)
+    continues = z3.And(not s.brake, same(after.goal, s.goal))
     accepts = z3.And(check, same(after.end, candidate), fresh)
     turns = isinstance(e, Seen) and s.state is MOVING and bool(s.corners)
-    cornered = z3.And(turns, same(after.goal, s.corners[0])) if turns else z3.BoolVal(False)
+    cornered = z3.And(turns, same(after.goal, s.corners[0])) if turns else FALSE
     resumed = s.paused.goal if s.paused else s.goal
     resumes = z3.And(isinstance(e, Seen), bool(s.paused), same(after.goal, resumed), fresh)
     started = after.state is MOVING and s.state is HOVERING
-    verdict = after.state is MOVING and s.state is VERIFYING and s.back is HOVERING
-    braked = z3.And(after.state is HOVERING, term(after.brake), after.paused is None)
+    verdict = after.state is MOVING and s.state is VERIFYING and not s.flies
+    braked = z3.BoolVal(after.state is HOVERING and after.brake and after.paused is None)
     ends = (Hold, Booted) if s.state is HOVERING and not s.paused else (Hold, Booted, Gone)
     ends = ends if s.state is HOVERING else (*ends, Halted)
-    rests = isinstance(e, Seen) and s.state is HOVERING and s.paused is None
-    rested = z3.And(z3.Not(term(after.settling)), braked, same(after.goal, w.pose.position))
+    rests = isinstance(e, Seen) and s.state is HOVERING and s.phase is FlightPhase.STOPPING
+    rested = z3.And(after.phase is FlightPhase.STOPPED, same(after.goal, w.place))
     again = s.beyond is not inf
     others = w.others if isinstance(w.others, AnyOthers) else None
-    near, bent = (
-        (z3.And(check, others.near.term), others.bent.term) if others else (z3.BoolVal(False),) * 2
-    )
+    near, bent = (z3.And(check, others.near.term), others.bent.term) if others else (FALSE, FALSE)
     leaves = (Seen, Gone, Hold, Booted, Toggle, Resized)
     return {
         "a vehicle is sent off only by an accepted goal, a resumed flight or a corner": z3.Implies(
-            z3.Not(term(after.brake)), z3.Or(continues, accepts, resumes, cornered)
+            not after.brake, z3.Or(continues, accepts, resumes, cornered)
         ),
         "MOVING begins only by an accepted goal or a resumed flight, with a pose": z3.And(
             z3.Implies(started, resumes), z3.Implies(verdict, accepts)
@@ -371,9 +353,9 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
         "a hold, a new boot, and a silence or halt of a flight stop it": z3.Implies(
             isinstance(e, ends), braked
         ),
-        "without poses a flight brakes": z3.Implies(
-            isinstance(e, Lost) and s.state is not HOVERING,
-            z3.And(after.state is HOVERING, term(after.brake)),
+        "without poses a flight brakes": z3.BoolVal(
+            not isinstance(e, Lost) or s.state is HOVERING
+            or (after.state is HOVERING and after.brake)
         ),
         "a pause ends with the next pose, a stop, a change of the cage or a goal": z3.Implies(
             z3.And(bool(s.paused), z3.Or(isinstance(e, leaves), z3.And(isinstance(e, Goto), fresh))),
@@ -381,17 +363,16 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
         ),
         "a stop ends at rest, at a pose that is no jump; one guard may stop it once more": z3.Implies(
             z3.And(
-                rests, term(s.settling), term(cage.at_rest(w.pose)),
-                z3.Not(term(automaton.jumped(s, e, w))),
+                rests, term(stopping.at_rest(w.pose)), z3.Not(term(automaton.jumped(s, e, w))),
             ),
             z3.Or(rested, z3.And(again, braked, term(after.beyond) == term(inf))),
         ),
         "a way too near another vehicle is not taken": z3.Implies(
-            near, z3.Or(after.state is not MOVING, z3.And(s.back is MOVING, same(after.goal, s.goal)))
+            near, z3.Or(after.state is not MOVING, z3.And(s.flies, same(after.goal, s.goal)))
         ),
         "a place inside is accepted, but for zones and other vehicles": z3.Implies(
             z3.And(
-                check and straight, z3.Not(ZONED), z3.Not(near), z3.Not(bent), place(candidate),
+                check, z3.Not(ZONED), z3.Not(near), z3.Not(bent), place(candidate),
                 z3.Or(z3.Not(term(s.cage_on)), inside(candidate, w.cage)),
             ),
             z3.And(after.state is MOVING, same(after.goal, candidate)),
@@ -401,6 +382,8 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
 
 def step(s: Situation, e: Event, w: World) -> Situation:
     """Return the situation after an event, by the step of the monitor: a test may break it."""
+    if isinstance(e, Check) and s.candidate is not None:
+        e = Check(motion.verify(s, s.candidate, w))
     after: Situation = vars(monitor)["step"](s, e, w)
     return after
 
@@ -423,8 +406,8 @@ def prove_cage(proof: Proof) -> Iterator[Failure]:
 
     It is that of its users, for whom `summarized` replaces it.
     """
-    point, size = next(unknown(Position)), next(unknown(CageSize))
-    for user in (automaton, monitor):
+    point, size = next(unknown(Point)), next(unknown(CageSize))
+    for user in (motion, monitor):
         yield from proof.check(
             {},
             partial(user.why_outside, point, size),
@@ -442,11 +425,6 @@ def prove_step(proof: Proof, share: int = 0, shares: int = 1) -> Iterator[Failur
 def _prove_step(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
     pairs = product(list(unknown(Event)), list(situations()))
     for e, s in islice(pairs, share, None, shares):
-        if isinstance(e, Check) and len(e.corners) > 1:
-            continue  # the automaton only puts them before the goal: one shows as much
-        if isinstance(e, Check):
-            # The words of a refusal alone depend on them.
-            e = replace(e, waits=False, searched=False)  # noqa: PLW2901
         # After a guard has stopped the vehicle `beyond` is infinite, and stays so to the next cage.
         for before in (s, replace(s, beyond=inf)) if isinstance(e, Seen) else (s,):
             (w,) = unknown(World)
@@ -454,10 +432,11 @@ def _prove_step(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
 
 
 def situations() -> Iterator[Situation]:
-    """Yield unknown situations of every shape, but those with corners that no flight can have."""
+    """Yield unknown situations of every shape that the invariant allows."""
     for s in unknown(Situation):
-        state = s.back if s.state is VERIFYING else s.state
-        if not s.corners or state is MOVING or (s.paused and s.state is HOVERING):
+        pauses = s.phase is FlightPhase.PAUSED
+        fits = pauses is (s.paused is not None) and not (pauses and s.candidate)
+        if fits and (not s.corners or s.flies or pauses):
             yield s
 
 
@@ -506,7 +485,7 @@ def calls(boot: str) -> Iterator[tuple[str, Call]]:
     asked: dict[str, Any] = {"replace": Truth(), "takeoff": Truth(), "direct": Truth()}
     yield "goto", (lambda m: m.goto(goal, **asked), partial(answered, goal))
     yield "hold", (Monitor.hold, stopped)
-    yield "lands", (lambda m: m.lands(reason), stopped if boot else nothing)
+    yield "set_landing", (lambda m: m.set_landing(reason), stopped if boot else nothing)
     while_landing = partial(_goto_while_landing, goal, asked)
     yield "goto while landing", (while_landing, partial(refused, goal))
     yield "toggle", (lambda m: m.toggle(cage_on=toggled), nothing)
@@ -556,7 +535,7 @@ def seen(told: Told) -> Clauses:
 
 def stopped(told: Told) -> Clauses:
     s = told.after.situation
-    return {"a stop brakes": z3.Or(told.s.state is HOVERING, term(s.brake))}
+    return {"a stop brakes": z3.BoolVal(told.s.state is HOVERING or s.brake)}
 
 
 def lost(told: Told) -> Clauses:
@@ -581,13 +560,13 @@ def silenced(seconds: Number, told: Told) -> Clauses:
 
 def answered(goal: Position, told: Told) -> Clauses:
     s, accepted, size = told.after.situation, told.result == "", astuple(told.after._cage())
-    unchanged = z3.And(same(s.goal, told.s.goal), term(s.brake) == term(told.s.brake))
+    unchanged = z3.And(same(s.goal, told.s.goal), s.brake is told.s.brake)
     return {
         "a goal is accepted with a pose alone, and flown to": z3.Implies(
             z3.And(accepted, *map(finite, size)),
-            z3.And(told.fresh, s.state is MOVING, same(s.end, goal)),
+            z3.And(told.fresh, s.state is MOVING, same(s.end, astuple(goal))),
         ),
-        "a goal that is refused changes nothing": z3.Or(accepted, unchanged, term(s.brake)),
+        "a goal that is refused changes nothing": z3.Or(accepted, unchanged, s.brake),
     }
 
 
@@ -625,11 +604,7 @@ def prove_monitor(proof: Proof, share: int = 0, shares: int = 1) -> Iterator[Fai
 
 def _prove_monitor(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
     for s, boot in islice(product(list(situations()), (NOW, "")), share, None, shares):
-        if (
-            s.state is VERIFYING
-            or s.back is VERIFYING
-            or (not boot and (s.paused or s.state is MOVING))
-        ):
+        if s.candidate or (not boot and (s.paused or s.flies)):
             continue
         before = Published(**asdict(s) | {"boot": boot, "reason": "earlier"})
         (params,) = unknown(SafetyParams)
@@ -647,8 +622,8 @@ def _prove_monitor(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
 
             def clauses(told: Told) -> Clauses:
                 after, setpoint = told.after, told.after.setpoint()
-                sent = same(setpoint.position, after.situation.goal)
-                brakes = term(setpoint.brake) == term(after.situation.brake)
+                sent = same(astuple(setpoint.position), after.situation.goal)
+                brakes = setpoint.brake is after.situation.brake
                 return {
                     "nothing is being verified between two calls": z3.BoolVal(
                         after.situation.state is not VERIFYING

@@ -4,20 +4,23 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
 from quadctl.schemas.zones import ZoneParams
-from quadctl.services.safety.model import Envelope, Goto, Situation, State, World
-from quadctl.services.safety.zones import Region
+from quadctl.services.airspace.stopping import Envelope
+from quadctl.services.airspace.zones import Region
+from quadctl.services.safety.model import FlightPhase, Situation, State, World
 
 HOVERING, VERIFYING, MOVING = State
 
-HERE = Position(0.0, 0.0, 1.0)
-GOAL = Position(3.0, 0.0, 1.0)
-INSIDE = Position(1.0, 2.0, 1.5)
-OUTSIDE = Position(9.0, 0.0, 1.0)
-BELOW = Position(9.0, 0.0, -0.25)
+HERE = (0.0, 0.0, 1.0)
+GOAL = (3.0, 0.0, 1.0)
+INSIDE = (1.0, 2.0, 1.5)
+OUTSIDE = (9.0, 0.0, 1.0)
+BELOW = (9.0, 0.0, -0.25)
 CAGE = CageSize(5.0, 5.0, 2.0)
 
 FLYING, RESTING = Velocity(1.0, 0.0, 0.0), Velocity(0.0, 0.0, 0.049)
-POSE = Pose("b1", 0, 4.0, HERE, FLYING, Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0))
+POSE = Pose(
+    "b1", 0, 4.0, Position(*HERE), FLYING, Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
+)
 LAST = replace(POSE, position=Position(-0.05, 0.0, 1.0), stamp=3.95)
 ENVELOPE = Envelope(speed=10.0, deceleration=10.0, margin=0.01)
 SEEING = World(POSE, LAST, fresh=True, cage=CAGE, acceptance_range=0.5, envelope=ENVELOPE)
@@ -42,35 +45,30 @@ def leaving(before: float, x: float = 5.05) -> World:
 
 
 FASTER, AS_FAST, SLOWER = leaving(1.0), leaving(2.0), leaving(3.0)
-OUT = FASTER.pose.position
+OUT = FASTER.place
 RESTS_OUT = replace(FASTER, pose=replace(FASTER.pose, velocity=RESTING))
-LEAPT_OUT = replace(FASTER, last=replace(FASTER.last, position=HERE))
+LEAPT_OUT = replace(FASTER, last=replace(FASTER.last, position=Position(*HERE)))
 AT_RANGE = replace(AT_GOAL, pose=replace(POSE, position=Position(2.5, 0.0, 1.0)))
 
 AT_CORNER = replace(
     AT_REST,
     pose=replace(AT_REST.pose, position=Position(2.99, 0.0, 1.0)),
-    last=replace(AT_REST.last, position=GOAL),
+    last=replace(AT_REST.last, position=Position(*GOAL)),
 )
 PASSING_CORNER = replace(AT_CORNER, rested=0.2)
 BESIDE_CORNER = replace(AT_CORNER, pose=replace(AT_CORNER.pose, position=Position(2.975, 0.0, 1.0)))
 TOWER = ZoneParams("tower", "exclusion", polygon=((0.5, -1.0), (2.0, -1.0), (2.0, 2.5), (0.5, 2.5)))
 AMONG = replace(AT_REST, region=Region((TOWER,)))
 """A tower is between HERE and GOAL; INSIDE is in it."""
-BY = Position(0.25, 2.75, 1.0)
-BEHIND = Position(2.25, 2.75, 1.0)
+BY = (0.25, 2.75, 1.0)
+BEHIND = (2.25, 2.75, 1.0)
 
 PLAIN = Situation(
-    state=HOVERING,
-    goal=GOAL,
+    GOAL,
     cage_on=True,
-    candidate=Goto(OUTSIDE),
-    back=HOVERING,
+    phase=FlightPhase.HOLDING,
     boot="b1",
     request=7,
-    brake=False,
-    settling=False,
-    takeoff=False,
     beyond=0.125,
     reason="before",
 )

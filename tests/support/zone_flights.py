@@ -4,10 +4,12 @@ import math
 import random
 from math import inf
 
+from msgspec.structs import astuple
+
 from quadctl.schemas.messages import Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.safety.zones import Region
+from quadctl.services.airspace.zones import Region
 from tests.support.evolved import evolve
 from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods, random_height
 
@@ -63,10 +65,10 @@ class ZoneFlight(MonitoredVehicle):
             beyond = self.monitor.situation.beyond
             self._surprised = beyond > 0 and (beyond < inf or self._surprised)
             if not self._surprised:
-                place = self.place
+                place = astuple(self.place)
                 self.deepest = max(self.deepest, self._region.excess(place, place))
         wall = (
-            self._region.nearest(self.place)
+            self._region.nearest(astuple(self.place))
             if self.watches and not self.monitor.situation.beyond
             else None
         )
@@ -120,7 +122,7 @@ def drawn_flight(draws: random.Random, make: type[ZoneFlight] = ZoneFlight) -> Z
         x, y = draws.uniform(-SIZE, SIZE), draws.uniform(-SIZE, SIZE)
         return Position(x, y, random_height(draws, HEIGHT))
 
-    start = next(p for p in iter(somewhere, None) if not region.why_inside(p))
+    start = next(p for p in iter(somewhere, None) if not region.why_inside(astuple(p)))
     flight = make(*zones, start=start)
     for _ in range(draws.randint(3, 7)):
         flight.goto(somewhere(), replace=draws.random() < 0.7, direct=draws.random() < 0.2)

@@ -9,7 +9,7 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry import Point as Place
 
 from quadctl.schemas.zones import ZoneParams, why_not_simple
-from quadctl.services.safety.zones import (
+from quadctl.services.airspace.zones import (
     clearance,
     crosses,
     encloses,

@@ -6,7 +6,6 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from quadctl.schemas import airworthy
 from quadctl.schemas.params import FIXED_AT_LAUNCH, FROM_STANDSTILL, LIVE_SWITCHES, Params
 from quadctl.schemas.services import (
     GetParamsRequest,
@@ -14,6 +13,7 @@ from quadctl.schemas.services import (
     SetParamsRequest,
     SetParamsResponse,
 )
+from quadctl.services.airspace import airworthiness
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.nesting import TOO_DEEP, is_too_deep
@@ -108,7 +108,7 @@ class LiveParams:
         dynamics = self._params.dynamics
         if self._name != "dynamics":
             return []
-        return airworthy.limited(dynamics.vehicle, dynamics.control, dynamics.wind)
+        return airworthiness.limited(dynamics.vehicle, dynamics.control, dynamics.wind)
 
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = {self._name: self._table()}

@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from quadctl.schemas import airworthy
 from quadctl.schemas.params import Params, WindParams
+from quadctl.services.airspace import airworthiness
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params.names import (
     MOST_PARTS,
@@ -64,7 +64,7 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
         raise _explain(str(error), source) from error
     dynamics = params.dynamics
     wind = dynamics.wind if in_wind else WindParams()
-    if why := airworthy.why_not(dynamics.vehicle, dynamics.control, wind):
+    if why := airworthiness.why_not(dynamics.vehicle, dynamics.control, wind):
         raise Invalid(f"{source}: dynamics: this vehicle would not fly: {why}", _AIRWORTHY)
     return params
 

@@ -6,10 +6,13 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from quadctl.schemas.messages import CageSize, Position
+from quadctl.schemas.messages import CageSize
+from quadctl.services.airspace import cage, stopping
+from quadctl.services.airspace.geometry import Point
 from quadctl.services.campaign.batch import Batch
 from quadctl.services.campaign.vehicles import Compiled
-from quadctl.services.safety import automaton, cage
+from quadctl.services.safety import automaton, motion
+from quadctl.services.safety.model import FlightPhase
 from quadctl.services.safety.monitor import Monitor, TrackingMonitor
 from tests.support.campaign_flights import inject, missions
 from tests.support.compiled import compiled_kernel
@@ -42,12 +45,12 @@ def function(owner: object, name: str, new: Callable[..., Any]) -> Breaks:
 
 def outside_with(size: Callable[[CageSize], CageSize]) -> Breaks:
     """Return what decides by another cage."""
-    return function(automaton, "why_outside", lambda point, cage: why_outside(point, size(cage)))
+    return function(motion, "why_outside", lambda point, cage: why_outside(point, size(cage)))
 
 
-def outside_or_on_a_wall(point: Position, size: CageSize) -> str:
+def outside_or_on_a_wall(point: Point, size: CageSize) -> str:
     walls = ((-size.x, size.x), (-size.y, size.y), (0.0, size.z))
-    on = any(value in pair for value, pair in zip((point.x, point.y, point.z), walls, strict=True))
+    on = any(value in pair for value, pair in zip(point, walls, strict=True))
     return "outside the cage: on a wall" if on else why_outside(point, size)
 
 
@@ -112,12 +115,14 @@ BROKEN: dict[str, Breaks] = {
     "bounds 1 mm too far": outside_with(
         lambda size: CageSize(size.x + 0.001, size.y + 0.001, size.z + 0.001)
     ),
-    "an open boundary": function(automaton, "why_outside", outside_or_on_a_wall),
+    "an open boundary": function(motion, "why_outside", outside_or_on_a_wall),
     "a stop that does not brake": function(
-        automaton, "_stopped", lambda s, w, reason: replace(stopped(s, w, reason), brake=False)
+        automaton,
+        "_stopped",
+        lambda s, w, reason: replace(stopped(s, w, reason), phase=FlightPhase.HOLDING),
     ),
     "a settled stop that keeps its goal": action(
-        "settle", lambda s, _e, _w: replace(s, settling=False)
+        "settle", lambda s, _e, _w: replace(s, phase=FlightPhase.STOPPED)
     ),
     "barred ignores a flight that has arrived": condition(
         "barred",
@@ -125,9 +130,9 @@ BROKEN: dict[str, Breaks] = {
     ),
     "straying is always false": condition("straying", lambda _s, _e, _w: False),
     "half the stopping distance": function(
-        cage,
+        stopping,
         "soonest_stop",
-        lambda pose, limit, *more, of=cage.soonest_stop: of(pose, 2 * limit, *more),
+        lambda pose, limit, *more, of=stopping.soonest_stop: of(pose, 2 * limit, *more),
     ),
     "no ratchet on the way back": action("follow", automaton.keep),
     "toggling forgets beyond": action("toggle", toggle_only),

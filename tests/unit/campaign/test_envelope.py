@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from msgspec import inspect, structs
 
-from quadctl.schemas import airworthy
 from quadctl.schemas.params import (
     FROM_STANDSTILL,
     CageParams,
@@ -17,6 +16,7 @@ from quadctl.schemas.params import (
     SafetyParams,
     StartParams,
 )
+from quadctl.services.airspace import airworthiness
 from quadctl.services.campaign import search
 from quadctl.services.campaign.batch import Batch
 from quadctl.services.campaign.mission import (
@@ -39,7 +39,7 @@ def excursion(given: dict[str, Any], flights: int) -> float | None:
     """Return how far (m) the worst of random flights left the cage, None if refused."""
     conditions = Conditions(20.0, faults=False, given=given)
     first = mission(0, Random(0), conditions).dynamics
-    if airworthy.why_not(first.vehicle, first.control, first.wind):
+    if airworthiness.why_not(first.vehicle, first.control, first.wind):
         return None
     module = compiled_kernel()
     made = [mission(seed, Random(seed), conditions) for seed in range(flights)]
@@ -88,10 +88,10 @@ def test_the_lab_vehicle_flies_its_own_limits():
     dynamics = mission(0, Random(0), Conditions(20.0)).dynamics
     body = dynamics.vehicle, dynamics.control, dynamics.wind
     limits = dynamics.control
-    assert airworthy.flown(*body)._replace(acceleration_at_speed=0.0) == (
+    assert airworthiness.flown(*body)._replace(acceleration_at_speed=0.0) == (
         limits.max_speed, limits.max_acceleration, 0.0, limits.max_jerk, limits.max_tilt,
     )  # fmt: skip
-    assert airworthy.limited(*body) == []
+    assert airworthiness.limited(*body) == []
 
 
 LIVE = [
@@ -328,9 +328,9 @@ def fuzzed(seed: int, bodies: int) -> tuple[float, dict[str, float], int]:
             for number in range(64)
         ]
         body = flights[0].dynamics
-        if airworthy.why_not(body.vehicle, body.control, body.wind):
+        if airworthiness.why_not(body.vehicle, body.control, body.wind):
             continue
-        limits = airworthy.flown(body.vehicle, body.control, body.wind)
+        limits = airworthiness.flown(body.vehicle, body.control, body.wind)
         if limits.max_speed > flights[0].safety.max_speed:
             continue  # its poses would be taken for jumps
         accepted += 1

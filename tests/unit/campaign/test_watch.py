@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
+from quadctl.services.airspace.stopping import Envelope
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.score import Score
-from quadctl.services.safety import cage
-from quadctl.services.safety.model import Envelope, World
+from quadctl.services.safety.model import World
 from tests.support.compiled import compiled_kernel
 
 SIZE = (2.0, 3.0, 1.5)
@@ -40,7 +40,7 @@ def notes(**rows: float) -> watch.Floats:
     made = np.zeros((len(watch.ROWS), 1))
     never = ("WANTED", "DUE", "RETURNING", "BEYOND", "FASTEST")
     values = dict.fromkeys(never, np.inf) | {"BRAKING": BRAKING, "REACH": 0.5}
-    values["GENTLE"] = cage.gentle(ENVELOPE)
+    values["GENTLE"] = ENVELOPE.gentle
     values |= dict(zip(("SIZE", "SIZE_Y", "SIZE_Z"), SIZE, strict=True)) | rows
     for name, value in values.items():
         made[watch.ROWS.index(name)] = value
@@ -56,7 +56,7 @@ def test_the_leeway_is_that_of_safety_to_the_bit(now: Any, last: Any, period: in
     )  # fmt: skip
     columns = np.array([now]).T, np.array([last]).T
     found = watch.leeway(notes(), 0, *columns, stamps[1] - stamps[0])
-    assert found == cage.leeway(world)
+    assert found == world.leeway()
 
 
 def look(loops: Any, rows: watch.Floats, now: Any, last: Any, period: int = 40) -> bool:

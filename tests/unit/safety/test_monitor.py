@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.services.airspace.geometry import Point
 from quadctl.services.safety.model import State
 from quadctl.services.safety.monitor import PATIENCE, STOOD_STILL, TrackingMonitor
 from tests.support.monitor_rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
@@ -174,14 +175,14 @@ def test_a_cage_that_includes_the_goal_lets_the_flight_continue():
 
 
 LIMIT, PERIOD = 0.15, 0.05
-GOAL, OTHER_GOAL = Position(3.0, 0.0, 1.0), Position(0.0, 3.0, 1.0)
+GOAL, OTHER_GOAL = (3.0, 0.0, 1.0), (0.0, 3.0, 1.0)
 STILL = Velocity(0.0, 0.0, 0.0)
 
 
 def look(
     tracking: TrackingMonitor,
     stamp: float,
-    goal: Position | None = GOAL,
+    goal: Point | None = GOAL,
     *,
     boot: str = "b1",
     velocity: Velocity = POSE.velocity,
@@ -393,13 +394,13 @@ WIND = "it cannot hold itself: wind of 10 m/s"
 
 def test_a_vehicle_that_lands_by_itself_is_stopped_and_takes_no_goal():
     rig = Rig().moving()
-    rig.monitor.lands(WIND)
+    rig.monitor.set_landing(WIND)
     assert (rig.state.state, rig.state.reason) == ("HOVERING", f"stopped and landing, {WIND}")
     assert rig.monitor.setpoint().brake
     published = len(rig.published)
-    rig.monitor.lands(WIND)
+    rig.monitor.set_landing(WIND)
     assert len(rig.published) == published
     assert rig.monitor.goto(OTHER) == f"the vehicle lands: {WIND}"
     assert rig.at(ONE_UP).state == "HOVERING"
-    rig.monitor.lands("")
+    rig.monitor.set_landing("")
     assert rig.monitor.goto(OTHER) == ""

@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import CageSize, Position, Velocity
-from quadctl.services.safety.cage import beyond, gentle, soonest_stop, why_outside
+from quadctl.services.airspace import stopping
+from quadctl.services.airspace.cage import why_outside
+from quadctl.services.airspace.stopping import soonest_stop
 from tests.support.monitor_rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
 from tests.support.worlds import POSE
 
@@ -184,39 +186,37 @@ def test_progress_of_a_return_is_not_published():
 
 @given(NUMBERS, NUMBERS, NUMBERS)
 def test_the_distance_from_the_cage_is_never_overestimated(x: float, y: float, z: float):
-    point = Position(x, y, z)
-    out = beyond(point, CAGE)
-    assert (out == 0.0) is (why_outside(point, CAGE) == "")
-    corner = Position(CAGE.x, CAGE.y, CAGE.z)
-    way = sqrt((x - corner.x) ** 2 + (y - corner.y) ** 2 + (z - corner.z) ** 2)
+    out = stopping.outside(x, y, z, *astuple(CAGE))
+    assert (out == 0.0) is (why_outside((x, y, z), CAGE) == "")
+    way = sqrt((x - CAGE.x) ** 2 + (y - CAGE.y) ** 2 + (z - CAGE.z) ** 2)
     assert out <= way * (1 + 1e-12)
 
 
 @given(NUMBERS, NUMBERS, st.floats(0.1, 100))
 def test_the_stopping_distance_is_v_squared_over_2_a(x: float, vx: float, deceleration: float):
     pose = replace(POSE, position=along(x), velocity=going(vx))
-    stop = soonest_stop(pose, deceleration)
-    assert (stop.y, stop.z) == (0.0, 1.0)
-    assert abs(stop.x - x) == pytest.approx(vx * vx / (2 * deceleration), abs=1e-9)
-    assert (stop.x - x) * vx >= 0
-    assert soonest_stop(replace(pose, velocity=STILL), deceleration) == along(x)
+    stop, *rest = soonest_stop(pose, deceleration)
+    assert rest == [0.0, 1.0]
+    assert abs(stop - x) == pytest.approx(vx * vx / (2 * deceleration), abs=1e-9)
+    assert (stop - x) * vx >= 0
+    assert soonest_stop(replace(pose, velocity=STILL), deceleration) == (x, 0.0, 1.0)
 
 
 def test_a_declared_reaction_is_a_part_of_the_way_to_a_stop():
     pose = replace(POSE, position=along(1.0), velocity=going(2.0))
-    assert soonest_stop(pose, 4.0, 0.25).x == 1.0 + 0.5 + 0.5
+    assert soonest_stop(pose, 4.0, 0.25)[0] == 1.0 + 0.5 + 0.5
 
 
 def test_the_least_acceleration_since_the_boot_is_how_gently_a_vehicle_may_brake():
     rig = Rig().hovering()
-    assert gentle(rig.monitor.envelope) == 0.5
-    rig.monitor.flies_with(0.2)
-    assert gentle(rig.monitor.envelope) == 0.1
+    assert rig.monitor.envelope.gentle == 0.5
+    rig.monitor.set_acceleration(0.2)
+    assert rig.monitor.envelope.gentle == 0.1
     # Until its next standstill the vehicle flies by the old value.
-    rig.monitor.flies_with(5.0)
-    assert gentle(rig.monitor.envelope) == 0.1
+    rig.monitor.set_acceleration(5.0)
+    assert rig.monitor.envelope.gentle == 0.1
     rig.at(ONE_UP, boot="b2")
-    assert gentle(rig.monitor.envelope) == 0.5
+    assert rig.monitor.envelope.gentle == 0.5
 
 
 def test_a_flight_inside_the_cage_is_not_disturbed():

@@ -9,8 +9,8 @@ import pytest
 import z3
 from msgspec.structs import replace
 
+from quadctl.services.airspace.zones import Region
 from quadctl.services.safety.model import Check, Event, Seen, Toggle
-from quadctl.services.safety.zones import Region
 from tests.support.monitor_rig import STILL
 from tests.support.proofs import Proofs
 from tests.support.safety_proof import (

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position
+from quadctl.services.airspace.geometry import Piece, distance
+from quadctl.services.airspace.separation import How, Neighbour, conflicts, why_near
 from quadctl.services.safety.model import State
-from quadctl.services.safety.separation import How, Neighbour, Piece, conflicts, distance, why_near
 from tests.support import faulty_fleet
 from tests.support.fleet_flights import FleetFlight, worst
 from tests.support.proofs import Proofs

@@ -8,9 +8,10 @@ import pytest
 
 from quadctl.schemas.messages import Position
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.safety import automaton
+from quadctl.services.airspace.geometry import Point
+from quadctl.services.airspace.zones import Region
+from quadctl.services.safety import motion
 from quadctl.services.safety.model import State
-from quadctl.services.safety.zones import Region
 from tests.support.proofs import Proofs
 from tests.support.zone_flights import ZoneFlight, drawn_flight, search, worst
 
@@ -23,7 +24,7 @@ U = ZoneParams("u", polygon=((1, -2), (4, -2), (4, -1.5), (1.5, -1.5), (1.5, 1.5
 BEHIND = Position(3.0, 0.0, 1.0)
 
 
-def legs_of(flight: ZoneFlight) -> list[Position]:
+def legs_of(flight: ZoneFlight) -> list[Point]:
     s = flight.monitor.situation
     return [s.goal, *s.corners]
 
@@ -32,7 +33,7 @@ def legs_of(flight: ZoneFlight) -> list[Position]:
 def test_a_zone_in_the_way_is_flown_around_as_one_request(zone: ZoneParams):
     flight = ZoneFlight(zone)
     assert flight.goto(BEHIND) == ""
-    points = [Position(0.0, 0.0, 1.0), *legs_of(flight)]
+    points = [(0.0, 0.0, 1.0), *legs_of(flight)]
     state = flight.monitor.state()
     assert (state.leg, state.legs, state.goal) == (1, len(points) - 1, BEHIND)
     assert not any(Region([zone]).why_crosses(a, b) for a, b in itertools.pairwise(points))
@@ -49,7 +50,7 @@ def test_a_low_zone_is_flown_over_where_that_is_shorter():
         ZoneParams("wall", polygon=((1, -5), (1.5, -5), (1.5, 5), (1, 5)), ceiling=1.1)
     )
     assert flight.goto(BEHIND) == ""
-    assert all(1.1 < point.z < 1.2 for point in legs_of(flight)[:-1])
+    assert all(1.1 < z < 1.2 for _, _, z in legs_of(flight)[:-1])
     assert flight.land().deepest == 0.0
 
 
@@ -58,8 +59,7 @@ def test_a_way_around_from_the_floor_begins_with_a_climb():
     bent = "the way crosses the zone round: from the floor a way bends; rise first"
     assert flight.goto(BEHIND, direct=True) == bent
     assert flight.goto(BEHIND) == ""
-    climb = legs_of(flight)[0]
-    assert (climb.x, climb.y) == (0.0, 0.0)
+    assert legs_of(flight)[0][:2] == (0.0, 0.0)
     assert flight.land().deepest == 0.0
     assert flight.place.x == pytest.approx(3.0, abs=0.01)
 
@@ -125,7 +125,7 @@ def test_a_vehicle_that_arrives_turns_at_its_goal_unless_a_curve_is_clear():
     while flight.monitor.situation.state is State.MOVING:
         flight.fly(0.05)
     assert flight.goto(Position(4.0, 0.0, 1.0)) == ""  # past the tower, so from rest
-    assert legs_of(flight)[0] == Position(0.0, 3.0, 1.0)
+    assert legs_of(flight)[0] == (0.0, 3.0, 1.0)
     assert flight.land().deepest == 0.0
 
 
@@ -189,7 +189,7 @@ def test_random_flights_never_enter_a_zone():
 
 
 def test_flights_whose_ways_are_not_checked_do_enter(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(automaton, "why_barred", lambda *_: "")
+    monkeypatch.setattr(motion, "why_barred", lambda *_: "")
     assert worst(range(10))[0] > 0.1
 
 

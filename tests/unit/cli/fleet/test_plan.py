@@ -6,10 +6,10 @@ from math import dist
 
 import pytest
 
-from quadctl.cli.fleet.plan import Leg, Point, Space, plan
+from quadctl.cli.fleet.plan import Leg, Space, plan
 from quadctl.schemas.messages import Position
+from quadctl.services.airspace.geometry import Piece, Point, distance
 from quadctl.services.runtime.errors import Refused
-from quadctl.services.safety.separation import Piece, distance
 from tests.support.fleet_flights import FleetFlight, fly_plan
 
 ACROSS, TALL = 0.6, 0.9

@@ -1,29 +1,25 @@
-"""Separation: the space that each vehicle of a run reserves, and which two come too near.
+"""Geometry of places, straight lines and boxes, and how far these are from each other; m, ENU."""
 
-Two vehicles are apart if (dx^2 + dy^2) / across^2 + dz^2 / tall^2 >= 1: an ellipsoid that is taller
-than wide, because of the downwash. Distances here are in this measure: 1 is just apart.
-"""
-
-from collections.abc import Iterable, Sequence
-from enum import Enum
+from collections.abc import Sequence
 from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
-from msgspec import Struct
+from msgspec.structs import astuple
 
-from quadctl.schemas.params import SeparationParams
-from quadctl.services.safety.zones import Point
+from quadctl.schemas.messages import Pose
 
-WIDER = 0.02
-"""Metres by which ways keep farther away than vehicles must: each of two may stray by 10 mm."""
-_ROUNDING = 1e-9
+Point = tuple[float, float, float]
+"""East, north and up."""
+Box = tuple[Point, Point]
+"""Lowest and highest corner."""
+
 _PARALLEL = 1e-14
 """Square of the sine of an angle below which two lines count as parallel."""
 
 
 class Piece(NamedTuple):
-    """Part of a space, m: a straight line, or all of the box from its lowest to its highest corner."""
+    """Part of a space: a straight line, or all of the box from its lowest to its highest corner."""
 
     start: Point
     end: Point
@@ -33,66 +29,27 @@ class Piece(NamedTuple):
 Space = tuple[Piece, ...]
 
 
-class How(Enum):
-    """Why a space is reserved, after the name of its vehicle."""
-
-    IS = "is too near the way"
-    ENDS = "flies to a goal too near the way"
-    FLIES = "flies too near the way"
-    WAITS = "waits to fly there"
+def place_of(pose: Pose) -> Point:
+    """Return where a vehicle is."""
+    return astuple(pose.position)
 
 
-class Neighbour(Struct, frozen=True):
-    """Another vehicle, and a space that it reserves; it `clears` one that it will leave by itself.
-
-    It has to be `across` (m, horizontal) or `tall` (m, vertical) away.
-    """
-
-    name: str
-    space: Space
-    across: float
-    tall: float
-    how: How
-    clears: bool
+def velocity_of(pose: Pose) -> Point:
+    """Return how a vehicle moves, m/s."""
+    return astuple(pose.velocity)
 
 
-def allowed(ours: SeparationParams, theirs: SeparationParams) -> tuple[float, float]:
-    """Return how far apart two vehicles have to be, m: across and tall; 0, 0 if one has it off."""
-    if not (ours.radius and theirs.radius):
-        return 0.0, 0.0
-    return ours.radius + theirs.radius, 0.5 * (ours.height + theirs.height)
-
-
-def conflicts(place: Point, space: Space, others: Iterable[Neighbour]) -> list[Neighbour]:
-    """Return the vehicles that a way from a place (m) comes too near, in their order.
-
-    A vehicle that is too near already may leave: its way must not bring it nearer. One inside a space
-    in which another moves may not: the other may be anywhere in it.
-    """
-    here = (Piece(place, place),)
-    return [other for other in others if _comes_near(here, space, other)]
-
-
-def _comes_near(here: Space, space: Space, other: Neighbour) -> bool:
-    across, tall = other.across, other.tall
-    wide = across + WIDER, tall + WIDER
-    if distance(space, other.space, *wide) >= 1:
-        return False
-    if distance(here, other.space, *wide) >= 1:
-        return True
-    least = min(distance(here, other.space, across, tall), 1.0)
-    if least < _ROUNDING:
-        return other.how is not How.IS
-    return distance(space, other.space, across, tall) < least - _ROUNDING
-
-
-def why_near(found: Sequence[Neighbour]) -> str:
-    """Return the reason that names the first of the vehicles too near a way; empty without any."""
-    return f"separation: {found[0].name} {found[0].how.value}" if found else ""
+def around(*points: Point) -> Box:
+    """Return the smallest box with all points."""
+    (x0, *_, x1), (y0, *_, y1), (z0, *_, z1) = map(sorted, zip(*points, strict=True))
+    return (x0, y0, z0), (x1, y1, z1)
 
 
 def distance(space: Space, other: Space, across: float, tall: float) -> float:
-    """Return the least distance of two spaces; each needs a piece."""
+    """Return the least distance of two spaces, measured in `across` (horizontal) and `tall` (vertical).
+
+    Each space needs a piece.
+    """
     ours, theirs = _scaled(space, across, tall), _scaled(other, across, tall)
     return sqrt(min(_square(a, b) for a in ours for b in theirs))
 

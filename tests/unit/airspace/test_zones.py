@@ -7,10 +7,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from quadctl.schemas.messages import Position
 from quadctl.schemas.zones import CircleParams, ZoneParams, why_not_simple
-from quadctl.services.safety.route import cuts
-from quadctl.services.safety.zones import (
+from quadctl.services.airspace.routes import cuts
+from quadctl.services.airspace.zones import (
     Region,
     contains,
     crosses,
@@ -121,33 +120,24 @@ EAST = ZoneParams("east", "inclusion", polygon=((0.0, 0.0), (4.0, 0.0), (4.0, 4.
 
 def test_the_reason_names_the_zone():
     found = Region([TOWER, WEST, EAST])
-    assert found.why_inside(Position(2, 2, 1)) == "inside the zone tower"
-    assert found.why_inside(Position(2, -2, 1)) == "outside the zones west, east"
-    assert found.why_inside(Position(1, 1, 1)) == found.why_inside(Position(0, 0, 1)) == ""
-    assert (
-        found.why_crosses(Position(0.5, 2, 1), Position(3.5, 2, 1))
-        == "the way crosses the zone tower"
-    )
+    assert found.why_inside((2, 2, 1)) == "inside the zone tower"
+    assert found.why_inside((2, -2, 1)) == "outside the zones west, east"
+    assert found.why_inside((1, 1, 1)) == found.why_inside((0, 0, 1)) == ""
+    assert found.why_crosses((0.5, 2, 1), (3.5, 2, 1)) == "the way crosses the zone tower"
     # The two halves share a boundary, and a way over it never leaves them.
-    assert found.why_crosses(Position(-1, 0.5, 1), Position(3.5, 0.5, 1)) == ""
-    assert (
-        found.why_crosses(Position(-1, -1, 1), Position(3.5, 0.5, 1))
-        == "the way leaves the zones west, east"
-    )
+    assert found.why_crosses((-1, 0.5, 1), (3.5, 0.5, 1)) == ""
+    assert found.why_crosses((-1, -1, 1), (3.5, 0.5, 1)) == "the way leaves the zones west, east"
 
 
 def test_a_way_may_leave_a_zone_but_not_come_back():
-    assert not Region([TOWER]).why_crosses(Position(2, 2, 1), Position(5, 2, 1))
+    assert not Region([TOWER]).why_crosses((2, 2, 1), (5, 2, 1))
     hook = ZoneParams(
         "hook", polygon=((0, 0), (5, 0), (5, 1), (4, 1), (4, 0.5), (1, 0.5), (1, 1), (0, 1))
     )
-    assert Region([hook]).why_crosses(Position(0.5, 0.8, 1), Position(4.5, 0.8, 1)) != ""
-    assert not Region([hook]).why_crosses(Position(0.5, 0.8, 1), Position(2, 0.8, 1))
-    assert Region([WEST]).why_crosses(Position(1, 0, 1), Position(-1, 0, 1)) == ""
-    assert (
-        Region([WEST]).why_crosses(Position(-1, 0, 1), Position(1, 0, 1))
-        == "the way leaves the zone west"
-    )
+    assert Region([hook]).why_crosses((0.5, 0.8, 1), (4.5, 0.8, 1)) != ""
+    assert not Region([hook]).why_crosses((0.5, 0.8, 1), (2, 0.8, 1))
+    assert Region([WEST]).why_crosses((1, 0, 1), (-1, 0, 1)) == ""
+    assert Region([WEST]).why_crosses((-1, 0, 1), (1, 0, 1)) == "the way leaves the zone west"
 
 
 def test_a_box_needs_one_inclusion_zone_that_has_all_of_it():
@@ -167,21 +157,21 @@ def test_a_box_needs_one_inclusion_zone_that_has_all_of_it():
 
 
 def test_the_nearest_wall_is_that_of_a_zone_or_of_what_holds_the_vehicle():
-    assert Region([]).nearest(Position(0, 0, 1)) is None
-    assert Region([TOWER]).nearest(Position(0, 2, 1)) == ("tower", 1.0)
-    assert Region([TOWER]).nearest(Position(2, 1.25, 1)) == ("tower", -0.25)
-    assert Region([TOWER, EAST]).nearest(Position(3.75, 2, 1)) == ("east", 0.25)
+    assert Region([]).nearest((0, 0, 1)) is None
+    assert Region([TOWER]).nearest((0, 2, 1)) == ("tower", 1.0)
+    assert Region([TOWER]).nearest((2, 1.25, 1)) == ("tower", -0.25)
+    assert Region([TOWER, EAST]).nearest((3.75, 2, 1)) == ("east", 0.25)
 
 
 def test_an_inclusion_zone_of_a_floor_and_a_ceiling_holds_the_height():
     band = ZoneParams("band", "inclusion", circle=CircleParams(0, 0, 10), floor=1.0, ceiling=3.0)
     found = Region([band])
-    assert found.why_inside(Position(0, 0, 1)) == found.why_inside(Position(0, 0, 3)) == ""
-    assert found.why_inside(Position(0, 0, 0.5)) == "outside the zone band"
+    assert found.why_inside((0, 0, 1)) == found.why_inside((0, 0, 3)) == ""
+    assert found.why_inside((0, 0, 0.5)) == "outside the zone band"
     # A take-off from below comes in, and stays.
-    assert found.why_crosses(Position(0, 0, 0), Position(0, 0, 2)) == ""
-    assert found.why_crosses(Position(0, 0, 2), Position(0, 0, 4)) == "the way leaves the zone band"
-    assert found.excess(Position(0, 0, 2), Position(0, 0, 3.5)) == pytest.approx(0.5)
+    assert found.why_crosses((0, 0, 0), (0, 0, 2)) == ""
+    assert found.why_crosses((0, 0, 2), (0, 0, 4)) == "the way leaves the zone band"
+    assert found.excess((0, 0, 2), (0, 0, 3.5)) == pytest.approx(0.5)
 
 
 def test_contained_means_inside_or_on_the_boundary_as_asked():

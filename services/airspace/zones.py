@@ -12,14 +12,11 @@ from math import dist, hypot, inf, isqrt
 from typing import NamedTuple
 
 from msgspec import Struct
-from msgspec.structs import astuple
 
-from quadctl.schemas.messages import Position
-from quadctl.schemas.zones import FARTHEST, Edge, ZoneParams, edges_of, turn
+from quadctl.schemas.messages import CageSize
+from quadctl.schemas.zones import CAGE_NAME, FARTHEST, Edge, ZoneParams, edges_of, turn
+from quadctl.services.airspace.geometry import Box, Point
 
-Point = tuple[float, float, float]
-Box = tuple[Point, Point]
-"""Lowest and highest corner, m."""
 Span = tuple[Fraction, Fraction]
 """Part of a straight way, from 0 at its start to 1 at its end."""
 
@@ -327,9 +324,8 @@ class Region:
         """Return whether there is any zone."""
         return bool(self.exclusions or self.inclusions)
 
-    def why_inside(self, point: Position) -> str:
+    def why_inside(self, p: Point) -> str:
         """Return which zone bars a point; empty for none."""
-        p = astuple(point)
         for zone in self.exclusions:
             if contains(zone, p, closed=False):
                 return f"inside the zone {zone.name}"
@@ -337,12 +333,11 @@ class Region:
             return f"outside {self._allowed()}"
         return ""
 
-    def why_crosses(self, start: Position, goal: Position) -> str:
-        """Return which zone bars the straight way; empty for none.
+    def why_crosses(self, p: Point, q: Point) -> str:
+        """Return which zone bars the straight way from p to q; empty for none.
 
         A way that starts inside an exclusion zone may leave it, once.
         """
-        p, q = astuple(start), astuple(goal)
         for zone in self.exclusions:
             if crosses(zone, p, q) and not _leaves(zone, p, q):
                 return f"the way crosses the zone {zone.name}"
@@ -377,17 +372,15 @@ class Region:
             return f"the way leaves {self._allowed()}"
         return ""
 
-    def excess(self, start: Position, end: Position) -> float:
-        """Return how far (m) the straight way leads to where no vehicle may be."""
-        p, q = astuple(start), astuple(end)
+    def excess(self, p: Point, q: Point) -> float:
+        """Return how far (m) the straight way from p to q leads to where no vehicle may be."""
         far = max((depth(zone, p, q) for zone in self.exclusions), default=0.0)
         if self.inclusions:
             far = max(far, min(max(clearance(zone, q), 0.0) for zone in self.inclusions))
         return far
 
-    def nearest(self, point: Position) -> Nearest | None:
+    def nearest(self, p: Point) -> Nearest | None:
         """Return the nearest boundary of a zone; None without zones."""
-        p = astuple(point)
         best: Nearest | None = None
         # By a lower bound of the distance: most zones need no look at their corners.
         bounds = [(_at_least(zone, p), number) for number, zone in enumerate(self.exclusions)]
@@ -409,6 +402,14 @@ class Region:
     def _allowed(self) -> str:
         names = ", ".join(zone.name for zone in self.inclusions)
         return f"the zone {names}" if len(self.inclusions) == 1 else f"the zones {names}"
+
+
+def nearest(p: Point, cage: CageSize, region: Region) -> Nearest:
+    """Return the wall of the cage or of a zone that is nearest to a place; the floor is none."""
+    x, y, z = p
+    box = Nearest(CAGE_NAME, min(cage.x - abs(x), cage.y - abs(y), cage.z - z))
+    zone = region.nearest(p) if region else None
+    return zone if zone and zone.distance < box.distance else box
 
 
 def _distance(nearest: Nearest) -> float:

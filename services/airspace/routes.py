@@ -1,22 +1,28 @@
-"""Way around zones: the shortest of straight legs between corners that keep clear of them.
+"""Routes among zones: the space of their legs, which zone bars them, and a way around zones.
 
-The search is for each height at which zones begin or end: past their corners, or over their tops.
-It starts with the zones on the straight way, and adds those that the way found crosses. It is only
-a proposal, in floating point: the automaton verifies each leg of it, exactly.
+A leg from rest is a straight line, unless it begins near the floor. The search for a way around is for
+each height at which zones begin or end: past their corners, or over their tops. It starts with the zones
+on the straight way, and adds those that the way found crosses. It is only a proposal, in floating point:
+safety verifies each leg of it, exactly.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from heapq import heappop, heappush
 from itertools import combinations, pairwise
 from math import cos, dist, hypot, inf, pi, sin
+from typing import NamedTuple
 
-from msgspec.structs import astuple
-
-from quadctl.schemas.messages import CageSize, Position
+from quadctl.schemas.messages import CageSize
 from quadctl.schemas.zones import Edge, edges_of
-from quadctl.services.safety.way import LOW
-from quadctl.services.safety.zones import Column, Point, Region, side, touched
+from quadctl.services.airspace.geometry import Box, Piece, Point, around
+from quadctl.services.airspace.zones import Column, Region, side, touched
 
+NEAR = 0.03
+"""Distance (m) from the end of a leg within which a vehicle at rest has reached it."""
+HOP = 0.1
+"""Height (m) to which a vehicle rises first on its way along the floor, and from which it lands."""
+LOW = HOP + NEAR
+"""Height (m) below which a vehicle rises first, from rest: it may be that far below its place."""
 CLEARANCE = 0.05
 """Distance (m) that a way keeps from the zones it passes: more than a vehicle strays in still air."""
 _TIGHT = 0.005
@@ -30,19 +36,91 @@ some 50 ms, less than a setpoint may be late."""
 Corner = tuple[float, float]
 
 
+class FlightPath(NamedTuple):
+    """Points (m) that a vehicle flies to, one by one, each from rest.
+
+    It begins straight from `origin`, or with a curve in the box `reach`. With `begun`, the vehicle
+    flies to the first point already; if it `turns`, it flies somewhere else.
+    """
+
+    origin: Point
+    reach: Box | None
+    points: tuple[Point, ...]
+    begun: bool = False
+    turns: bool = False
+
+    @property
+    def ahead(self) -> tuple[Point, ...]:
+        """Return the points after the start, or after the end of the present flight."""
+        return self.points[1:] if self.begun else self.points
+
+    @property
+    def straight(self) -> tuple[Point, ...]:
+        """Return the points between which it is straight, but for hops near the floor."""
+        return self.points if self.reach or self.begun else (self.origin, *self.points)
+
+
+def legs(points: Iterable[Point]) -> Iterator[Piece]:
+    """Yield the space of a way that begins at rest, leg by leg."""
+    for a, b in pairwise(points):
+        if box := rise(a, b):
+            yield Piece(*box, is_box=True)
+        else:
+            yield from line(a, b)
+
+
+def line(a: Point, b: Point) -> Iterator[Piece]:
+    """Yield a straight line; to a place near the floor also the one to above it, and the landing."""
+    yield Piece(a, b)
+    if b[2] < HOP:
+        over = (*b[:2], HOP)
+        yield Piece(a, over)
+        yield Piece(over, b)
+
+
+def rise(start: Point, end: Point) -> Box | None:
+    """Return the box (m) of a leg from rest near the floor; None for any other one, which is straight.
+
+    The vehicle rises first, and turns before it has stopped above its start.
+    """
+    return bend(start, end) if start[2] < LOW else None
+
+
+def bend(*points: Point) -> Box:
+    """Return the box (m) of a bent way between points, with its hops near the floor."""
+    return around(*points, *((x, y, max(z, HOP)) for x, y, z in points))
+
+
+def why_barred(route: FlightPath, region: Region) -> str:
+    """Return which zone bars a route or its end; empty for none."""
+    if not region:
+        return ""
+    if why := region.why_inside(route.points[-1]):
+        return why
+    if route.reach and not route.begun and (why := region.why_overlaps(route.reach)):
+        return why
+    return why_crossed(route.straight, region)
+
+
+def why_crossed(points: Iterable[Point], region: Region) -> str:
+    """Return which zone bars the legs between points; empty for none."""
+    for a, b, is_box in legs(points):
+        if why := region.why_overlaps((a, b)) if is_box else region.why_crosses(a, b):
+            return why
+    return ""
+
+
 class _SpentError(Exception):
     """Every look is spent."""
 
 
-def way_around(
-    region: Region, cage: CageSize, start: Position, goal: Position
-) -> tuple[Position, ...]:
+def way_around(region: Region, cage: CageSize, start: Point, goal: Point) -> tuple[Point, ...]:
     """Return the corners (m) of the shortest way around the zones; none if none was found."""
     search = _Search(region, cage)
     try:
         for clearance, rough in ((CLEARANCE, True), (_TIGHT, False)):
-            if found := search.way(astuple(start), astuple(goal), clearance, rough=rough):
-                return tuple(Position(*corner) for corner in found)
+            if found := search.way(start, goal, clearance, rough=rough):
+                return found
     except _SpentError:
         pass  # as good as none: a user can give points between
     return ()

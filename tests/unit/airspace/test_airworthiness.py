@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadctl.schemas import airworthy
 from quadctl.schemas.params import MeanWindParams, WindParams
 from quadctl.schemas.vehicle import ControlParams, InertiaParams, VehicleParams
+from quadctl.services.airspace import airworthiness
 from quadctl.services.dynamics.controller import LEAST_LIFT, MOST_LIFT, PERIOD
 
 GAIN = st.floats(-2, 3).map(lambda power: 10**power)
 
 
 def reason_against(vehicle=None, control=None, wind=None) -> str:
-    return airworthy.why_not(
+    return airworthiness.why_not(
         vehicle or VehicleParams(), control or ControlParams(), wind or WindParams()
     )
 
@@ -24,8 +24,8 @@ def blowing(speed: float) -> WindParams:
 
 
 def test_the_constants_are_those_of_the_controller():
-    assert airworthy.CONTROL_PERIOD == PERIOD
-    assert (MOST_LIFT, pytest.approx(1 - LEAST_LIFT)) == (airworthy._LIFT, airworthy._SINK)
+    assert airworthiness.CONTROL_PERIOD == PERIOD
+    assert (MOST_LIFT, pytest.approx(1 - LEAST_LIFT)) == (airworthiness._LIFT, airworthiness._SINK)
 
 
 @settings(max_examples=300)
@@ -34,7 +34,7 @@ def test_the_damping_equals_that_of_numpys_roots(kp, kv, ka, kr, lag):
     control = ControlParams(kp, kv, ka, kr)
     delay = lag + 0.002
     roots = np.roots([delay, 1, kr, kr * ka, kr * ka * kv, kr * ka * kv * kp])
-    found = airworthy.damping(VehicleParams(motor_lag=lag), control)
+    found = airworthiness.damping(VehicleParams(motor_lag=lag), control)
     assert found == pytest.approx(min(-roots.real / abs(roots)), abs=1e-5)
 
 
@@ -100,16 +100,16 @@ def test_a_vehicle_that_cannot_hover_is_refused(vehicle, control, wind, reason):
 def test_a_table_changed_in_place_is_judged_by_its_new_values():
     vehicle = VehicleParams()
     body = vehicle, ControlParams(), WindParams()
-    before, damped = airworthy.flown(*body), airworthy.damping(*body[:2])
+    before, damped = airworthiness.flown(*body), airworthiness.damping(*body[:2])
     vehicle.drag, vehicle.motor_lag = 0.5, 0.09
-    assert airworthy.flown(*body).max_speed < before.max_speed
-    assert airworthy.damping(*body[:2]) < damped
+    assert airworthiness.flown(*body).max_speed < before.max_speed
+    assert airworthiness.damping(*body[:2]) < damped
     vehicle.drag, vehicle.motor_lag = VehicleParams().drag, VehicleParams().motor_lag
-    assert airworthy.flown(*body) == before
+    assert airworthiness.flown(*body) == before
 
 
 def test_a_body_without_gravity_has_no_limits_to_fly():
-    limits = airworthy.flown(VehicleParams(gravity=0.0), ControlParams(), WindParams())
+    limits = airworthiness.flown(VehicleParams(gravity=0.0), ControlParams(), WindParams())
     assert limits == (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -159,11 +159,11 @@ def test_wind_upwards_counts_as_lift():
     ],
 )
 def test_each_limit_that_is_lowered_has_its_line(vehicle, control, wind, lines):
-    told = airworthy.limited(VehicleParams(**vehicle), ControlParams(**control), blowing(wind))
+    told = airworthiness.limited(VehicleParams(**vehicle), ControlParams(**control), blowing(wind))
     assert len(told) == len(lines), told
     assert all(line in said for line, said in zip(lines, told, strict=True)), told
 
 
 def test_in_a_wind_beyond_the_envelope_the_limits_are_those_of_still_air():
     body = VehicleParams(), ControlParams(max_acceleration=20.0)
-    assert airworthy.flown(*body, blowing(12.0)) == airworthy.flown(*body, WindParams())
+    assert airworthiness.flown(*body, blowing(12.0)) == airworthiness.flown(*body, WindParams())

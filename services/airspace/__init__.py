@@ -1,0 +1,1 @@
+"""Space to fly in: geometry, cage, zones, routes, separation, stops and what may fly; pure."""

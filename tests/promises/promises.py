@@ -85,13 +85,15 @@ the cage or a zone changes in a turn
   = changes of cage or zones
 goals inside, replaced in flight
   at most 10 mm out of the cage in still air, for any goals at any time; a goal that the vehicle
-  cannot stop at is passed as far as by a stop, an older one never
+  cannot stop at is passed as far as by a stop, an older one never; a landing ends on the floor
   - flight/fly: goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside
   - unit/dynamics/vehicle_goals: 2000_flights_of_replaced_goals_stay_inside
   - unit/dynamics/trajectory: moved_goals_are_not_overshot_beyond_the_farthest
-  - unit/dynamics/vehicle_goals: 50_000_flights_of_replaced_goals
+  - unit/dynamics/vehicle_goals: a_landing_lands_whatever_came_before_it
+    50_000_flights_of_replaced_goals 100_000_landings
   - flight/campaign: a_search_finds_no_way_out_of_twelve_cages
-  = 50 000 flights of replaced goals
+  = replaced <- 50 000 flights of replaced goals
+  = landings <- 100 000 landings
   = search <- a search of 100 000 flights
 body, gains or limits set in flight
   they take effect at the next standstill, and `param set` reports this; at most 10 mm out of the

@@ -93,23 +93,19 @@ def too_near(route: FlightPath, s: Situation, w: World) -> list[Neighbour]:
 
 def _among_zones(route: FlightPath, w: World, *, direct: bool) -> tuple[FlightPath, str]:
     """Return the route, or one around zones, and why that is barred; empty if it is not."""
-    why, searched = _why_not(route, w), False
-    is_open = direct or route.turns or not w.region or w.region.why_inside(route.points[-1])
-    if not is_open and why_barred(route, w.region):
+    barred, searched = why_barred(route, w.region), False
+    if barred and not (direct or route.turns or w.region.why_inside(route.points[-1])):
         start = route.points[0] if route.begun else route.origin
         corners = way_around(w.region, w.cage, start, route.points[-1])
         route, searched = _via(route, corners), True
-        why = _why_not(route, w)
+        barred = why_barred(route, w.region)
+    outside = (why_outside(corner, w.cage) for corner in route.points[:-1])
+    why = next(filter(None, outside), "") or barred
     if why and route.reach and not route.begun:
         if route.origin[2] < LOW:
             return route, f"{why}: from the floor a way bends; rise first"
         return route, f"{why}: in flight a way bends, from rest it may be free; hold first"
     return route, f"{why}; no way around it was found" if why and searched else why
-
-
-def _why_not(route: FlightPath, w: World) -> str:
-    outside = (why_outside(corner, w.cage) for corner in route.points[:-1])
-    return next(filter(None, outside), "") or why_barred(route, w.region)
 
 
 def _route_to(s: Situation, goal: Point, w: World) -> FlightPath:

@@ -300,7 +300,16 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
             if not shown or shown[-1].cage_on is not step.on:
                 return RowVerdict(False, f"{name}: safety/state does not show it")
     fault = "" if row.service not in {"", CALIBRATE.name} else _wrong_baseline(row, flown)
+    fault = fault or (_refused_none(flown) if row.service in {"", GOTO.name} else "")
     return RowVerdict(not fault, fault or "each request was answered")
+
+
+def _refused_none(flown: FlownMission) -> str:
+    """Return that no goal outside was refused, so that no reason was given; empty if one was, or none is outside."""
+    outside = [outcome for outcome in gotos(flown) if not permits(flown, outcome)]
+    if any(not outcome.accepted for outcome in outside):
+        return ""
+    return f"{outside[0].step}: was accepted, so no refusal has a reason" if outside else ""
 
 
 def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:

@@ -272,6 +272,23 @@ def test_a_waypoint_is_verified_as_a_requested_goal(
     assert verdict.ok is (not output)
 
 
+@pytest.mark.parametrize(
+    ("goal", "refuses", "output"),
+    [
+        (9.0, True, ""),
+        (9.0, False, "goto 9 0 1: was accepted, so no refusal has a reason"),
+        (4.0, False, ""),
+    ],
+)
+def test_a_node_that_refuses_no_goal_outside_gives_no_reason(
+    goal: float, refuses: bool, output: str
+):
+    steps = [GotoStep(3.0, goal, 0.0, 1.0)]
+    verdict = judged("answers", steps, at_rest, refuses=refuses, service="goto")
+    assert output in verdict.output
+    assert verdict.ok is (not output)
+
+
 @pytest.mark.parametrize(("first", "ok"), [(0.0, True), (0.5, True), (3.0, False)])
 def test_before_the_first_reading_a_calibration_may_be_refused(first: float, ok: bool):
     steps = [Calibrate(first), Calibrate(4.0)]

@@ -5,10 +5,26 @@
 Theory of operation. `step` takes the situation (all that is remembered), an event, and the world (the
 newest pose, the cage, the zones, other vehicles), and returns the next situation. RULES is the whole
 table: in a state, on an event, the first rule with a condition that holds says which state is next, and
-which action makes the situation. The three states are the lab's; `FlightPhase` in model.py has what is behind
-them, e.g. whether a vehicle that hovers still brakes. A request is VERIFYING between Goto, which takes it
-up, and Check, which brings the verdict of `verify` in motion.py: so a flight goes on until another goal is
-accepted, and a refusal changes nothing but the reason.
+which action makes the situation. A request is VERIFYING between Goto, which takes it up, and Check, which
+brings the verdict of `verify` in motion.py: so a flight goes on until another goal is accepted, and a
+refusal changes nothing but the reason.
+
+The three states are the lab's. Behind them is a `FlightPhase`. TAKING_OFF and FLYING are MOVING. The
+others are HOVERING: HOLDING after an arrival; STOPPING from an order to brake to the first pose at rest,
+then STOPPED; PAUSED is a stop after which the flight goes on. In the last three the setpoint is the order
+to brake: it has the place where the order was given, and once STOPPED the place of rest.
+
+A way around zones has several legs. `goal` is the end of the present one, to which the setpoint leads;
+`end`, that of the whole way, is published. The next leg begins once the vehicle has settled (`rest_of`):
+it has been at rest for a quarter of a second, within a centimetre of the corner.
+
+The guard of the path, `straying`, compares the soonest stop with `beyond`: how far outside the vehicle may
+come to rest. Inside, that is 0. It is set anew when the cage changes, at each boot and, if it is infinite,
+with an accepted goal: to how far a sound vehicle comes that must stop. It falls as the vehicle comes
+nearer. It is infinite once a guard has stopped the vehicle, so that a guard reports once.
+
+Silences: without poses a flight is PAUSED (Lost), and over beyond the grace (Gone). Without setpoints the
+vehicle brakes by itself: within the grace it flies on (Lagged), later its flight is over (Halted).
 
 What the table covers: requests and their refusals; the cage, switched or resized in flight; guards on
 each pose (a jump, a stop that would end outside); silences of poses and setpoints; stops and new boots.

@@ -301,7 +301,10 @@ class Monitor:
                 self.give_way(f"stopped, {why_near(near)}")
 
     def set_landing(self, why: str) -> None:
-        """Stop, and refuse all goals, while the vehicle lands by itself; `why` is empty afterwards."""
+        """Stop, and refuse all goals, while the vehicle lands by itself, e.g. in a wind that it cannot hold.
+
+        `why` is empty afterwards: then only a new request makes it fly.
+        """
         if why and why != self._landing and self.situation.boot:
             self._feed(Hold(f"stopped and landing, {why}"))
         self._landing = why
@@ -374,7 +377,8 @@ class Monitor:
             world = replace(world, fresh=False, unready=f"the vehicle lands: {self._landing}")
         self.situation = after = step(before, event, world, on_rule=self._on_rule)
         if not after.reason.startswith(WAITS):
-            # A guard, a fault or another request: the goal must not fly off later by itself.
+            # A guard, a fault or another request, also one that is refused: the goal that waits must not
+            # fly off later by itself.
             self.held = None
         # A change of `beyond` and `since` alone is not published.
         same = after is before or replace(after, beyond=before.beyond, since=before.since) == before

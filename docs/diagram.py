@@ -3,7 +3,7 @@
 import re
 import textwrap
 
-from quadctl.services.safety.automaton import RULES, Rule
+from quadctl.services.safety.automaton import RULES, Rule, keep
 from quadctl.services.safety.model import State
 
 _WIDTH, _HEIGHT, _MIDDLE, _LINE = 790, 285, 115, 17
@@ -67,9 +67,11 @@ def _arrow(path: str) -> str:
 
 
 def table() -> str:
-    """Return every row, in the order in which they are tried."""
+    """Return every row that changes something, in the order in which they are tried."""
     rows = ["| at | on | when | to | do |", "|---|---|---|---|---|"]
     for rule in RULES:
+        if rule.do is keep:
+            continue
         to = rule.to.name if rule.to is not rule.at else ""
         cells = rule.at.name, rule.on.__name__, rule.when.__name__, to, rule.do.__name__
         rows.append(f"| {' | '.join(cells)} |")

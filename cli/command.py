@@ -1,5 +1,6 @@
 """One `quadctl` command line, from its words to the exit code of the process."""
 
+import _signal
 import gc
 import os
 import sys
@@ -66,6 +67,8 @@ def _run(words: list[str]) -> None:
     # The imports are done: let the garbage collector scan only objects made from here on.
     gc.freeze()
     gc.enable()
+    if hasattr(_signal, "pthread_sigmask"):  # blocked since main.py
+        _signal.pthread_sigmask(_signal.SIG_UNBLOCK, {_signal.SIGINT})
     line.command(options_of(line.common), **line.values)
 
 

@@ -24,13 +24,16 @@ _AGAIN = 0.002
 
 def main() -> None:
     """Run the command line and exit with its exit code."""
+    can_wait = hasattr(_signal, "setitimer")
     # Set explicitly: a shell's `&` leaves SIGINT ignored.
-    _signal.signal(_signal.SIGINT, _interrupt)
-    if hasattr(_signal, "setitimer"):
+    _signal.signal(_signal.SIGINT, _interrupt if can_wait else _signal.default_int_handler)
+    if can_wait:
         _signal.signal(
             _signal.SIGALRM, lambda _number, _frame: _signal.raise_signal(_signal.SIGINT)
         )
         sys.unraisablehook = _ignored
+        # Until the imports are done: a command could be over before it comes again.
+        _signal.pthread_sigmask(_signal.SIG_BLOCK, {_signal.SIGINT})
     try:
         from quadctl.cli import command
 
@@ -40,9 +43,9 @@ def main() -> None:
 
 
 def _interrupt(_number: int, frame: "FrameType | None") -> None:
-    while frame is not None and hasattr(_signal, "setitimer"):
+    while frame is not None:
         if frame.f_globals.get("__name__") in _DEAF:
-            _signal.setitimer(_signal.ITIMER_REAL, _AGAIN)
+            _come_again()
             return
         frame = frame.f_back
     raise KeyboardInterrupt
@@ -51,9 +54,13 @@ def _interrupt(_number: int, frame: "FrameType | None") -> None:
 def _ignored(ignored: "sys.UnraisableHookArgs") -> None:
     """Report what was raised where Python ignores it, but let a Ctrl-C come again."""
     if ignored.exc_type is KeyboardInterrupt:
-        _signal.setitimer(_signal.ITIMER_REAL, _AGAIN)
+        _come_again()
     else:
         sys.__unraisablehook__(ignored)
+
+
+def _come_again() -> None:
+    _signal.setitimer(_signal.ITIMER_REAL, _AGAIN)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ def press(seconds):
     signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
 def command():
     global lost
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {{signal.SIGINT}})  # blocked since main.py
     sys.setswitchinterval(1e-6)
     for number in range({count}):
         begun = time.perf_counter()

@@ -307,9 +307,9 @@ def _answers(row: RubricRow, flown: FlownMission) -> RowVerdict:
 def _refused_none(flown: FlownMission) -> str:
     """Return that no goal outside was refused, so that no reason was given; empty if one was, or none is outside."""
     outside = [outcome for outcome in gotos(flown) if not permits(flown, outcome)]
-    if any(not outcome.accepted for outcome in outside):
-        return ""
-    return f"{outside[0].step}: was accepted, so no refusal has a reason" if outside else ""
+    if outside and all(outcome.accepted for outcome in outside):
+        return f"{outside[0].step}: was accepted, so no refusal has a reason"
+    return ""
 
 
 def _wrong_baseline(row: RubricRow, flown: FlownMission) -> str:

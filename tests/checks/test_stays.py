@@ -13,25 +13,17 @@ from types import FrameType
 from typing import Any
 
 from msgspec import Struct
-from msgspec.structs import astuple
+from msgspec.structs import astuple, replace
 
-from quadctl.schemas.messages import (
-    BodyRates,
-    Called,
-    Pose,
-    Position,
-    Quaternion,
-    Setpoint,
-    Velocity,
-)
+from quadctl.schemas.messages import Called, Setpoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import POSE
 from quadctl.services.runtime.testing import play
 from quadctl.services.safety.__main__ import run
+from tests.support.worlds import AT_REST
 
 X = 2.718281828
 _OWN = (f"services{os.sep}safety", f"services{os.sep}airspace")
-_REST = Velocity(0.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
 
 
 def _has_x(value: Any, depth: int = 2) -> bool:
@@ -60,11 +52,17 @@ def stays() -> list[str]:
             found[f"{Path(code.co_filename).name}: {code.co_qualname}"] = None
         done = isinstance(result, Setpoint) and result.position.x == X
 
-    poses = [(POSE, Pose("b", n, n / 100, Position(0.0, 0.0, 1.0), *_REST)) for n in range(200)]
+    poses = [(POSE, replace(AT_REST.pose, seq=n, stamp=n / 100)) for n in range(200)]
     goal = {"x": X, "y": 0.0, "z": 1.0, "replace": False}
     sys.setprofile(watch)
     try:
-        play("safety", run, Params(), poses, [Called("b", 1.0, "goto", False, goal, {}, "")])
+        play(
+            "safety",
+            run,
+            Params(),
+            poses,
+            [Called(AT_REST.pose.boot, 1.0, "goto", False, goal, {}, "")],
+        )
     finally:
         sys.setprofile(None)
     assert done, "no setpoint with x was sent"

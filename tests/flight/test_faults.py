@@ -18,7 +18,7 @@ def faulty() -> Iterator[Lab]:
 
     The command that injects a fault must end before the flight does.
     """
-    slow = "--set", "dynamics.control.max_speed=1"
+    slow = "--set", "dynamics.control.max_speed=0.4"
     with private_lab() as made:
         made.share("--set", "dynamics.start.z=1", *slow, *PATIENT)
         yield made
@@ -71,7 +71,7 @@ def test_a_bad_pose_stops_a_flight_with_its_reason(faulty: Lab, healthy: Bare, f
     setpoints = healthy.watch("uav/input/position")
     assert healthy.call("goto", **FAR).value["accepted"]
     states.until(lambda s: s["state"] == "MOVING")
-    poses.until(lambda p: speed(p) > 0.5)
+    poses.until(lambda p: speed(p) > 0.2)
     assert faulty.quadctl("fault", "inject", fault).code == 0
     stopped = states.until(
         lambda s: s["state"] == "HOVERING" and not s["reason"].startswith("paused")

@@ -107,21 +107,7 @@ def crosses(zone: Column, p: Point, q: Point) -> bool:
         or (pz <= zone.low and qz <= zone.low) or (pz >= zone.high and qz >= zone.high)
     ):  # fmt: skip
         return False
-    if px == qx and py == qy:
-        return side(zone, px, py) > 0
-    if zone.edges:
-        edges = touched(zone.edges, px, py, qx, qy)
-        if not edges:
-            return side(zone, px, py) > 0
-        clip = _clip(zone, pz, qz)
-        return clip is not None and any(
-            within > 0 for _, _, within in _parts(zone, edges, p, q, clip)
-        )
-    if (clip := _clip(zone, pz, qz)) is None:
-        return False
-    start, way, out = _circle_terms(zone, p, q)
-    t = min(max(Fraction(-start, way), clip[0]), clip[1])
-    return out + 2 * t * start + t * t * way < 0
+    return bool(spans(zone, p, q, closed=False))
 
 
 def spans(zone: Column, p: Point, q: Point, *, closed: bool = True) -> list[Span]:
@@ -134,7 +120,8 @@ def spans(zone: Column, p: Point, q: Point, *, closed: bool = True) -> list[Span
     if px == qx and py == qy:
         return [clip] if side(zone, px, py) >= least else []
     if zone.edges:
-        edges = touched(zone.edges, px, py, qx, qy)
+        if not (edges := touched(zone.edges, px, py, qx, qy)):
+            return [clip] if side(zone, px, py) >= least else []
         return [(a, b) for a, b, within in _parts(zone, edges, p, q, clip) if within >= least]
     start, way, out = _circle_terms(zone, p, q)
     square = start * start - way * out

@@ -109,7 +109,7 @@ def lines(report: dict[str, Any], seconds: float, again: str) -> Iterator[str]:
 _LINE_EVERY = 3.0  # s between two lines of progress where there is no terminal
 _MOST = 1_000_000  # flights of a campaign: the number of seeds reserved for each
 _CROWD = 100  # vehicles of a flight: a job then has five flights
-_STRONGEST = 4.5  # m/s of wind: with its gusts about the most that the tilt can hold against
+_STRONGEST = 4.0  # m/s of wind: with its gusts about the most that the tilt can hold against
 _LONGEST_SEARCH = 86_400  # s
 _LARGEST = 2**53  # all JSON readers agree on whole numbers up to this one
 

@@ -155,9 +155,29 @@ class SafetyParams(Struct, forbid_unknown_fields=True):
             le=5,
         ),
     ] = 0.0
+    max_acceleration: Annotated[
+        float,
+        described(
+            "most acceleration in that time, of an autopilot that is not ours; 0: that of the limits"
+            " of dynamics",
+            "m/s^2",
+            ge=0,
+            le=1000,
+        ),
+    ] = 0.0
+    min_deceleration: Annotated[
+        float,
+        described(
+            "least deceleration after it, of an autopilot that is not ours; 0: by the limits of"
+            " dynamics",
+            "m/s^2",
+            ge=0,
+            le=1000,
+        ),
+    ] = 0.0
     margin: Annotated[
         float,
-        described("tolerance of max_speed and max_deceleration; more in wind", "m", ge=0, le=10),
+        described("tolerance of max_speed and max_deceleration; wind adds to it", "m", ge=0, le=10),
     ] = 0.01
     warn_within: Annotated[
         float, described("distance to a wall that the state warns of", "m", ge=0, le=10_000)
@@ -220,6 +240,12 @@ class DynamicsParams(Struct, forbid_unknown_fields=True):
             le=10,
         ),
     ] = 1.0
+    unproven: Annotated[
+        bool,
+        described(
+            "body and gains may be far from those that were flown: no promise holds for them"
+        ),
+    ] = False
     wind: WindParams = field(default_factory=WindParams)
     vehicle: VehicleParams = field(default_factory=VehicleParams)
     control: ControlParams = field(default_factory=ControlParams)
@@ -279,7 +305,7 @@ class Params(Struct, forbid_unknown_fields=True):
 FIXED_AT_LAUNCH = frozenset(
     (
         "safety.cage_on", "pressure.source", "pressure.iio", "dynamics.speed", "dynamics.lockstep",
-        "dynamics.seed", "dynamics.grace", "hub.transport", "hub.listen", "hub.connect",
+        "dynamics.seed", "dynamics.grace", "dynamics.unproven", "hub.transport", "hub.listen", "hub.connect",
     )
 )  # fmt: skip
 """Parameters shared by all processes, or with irreversible effects: `param set` refuses these."""

@@ -27,8 +27,8 @@ _LEAST_MARGIN = 0.05
 """Least margin that is declared, m."""
 _FAST, _HOVERS = 0.8, 0.3
 """Share of the top speed at which a flight is stopped, and speed (m/s) of a vehicle that hovers."""
-_REACTION = 0.5
-"""Seconds that safety counts on from a command to stop until the vehicle brakes."""
+_WINDOW = 0.2
+"""Seconds over which an acceleration is measured: shorter ones are noise."""
 _WAIT = 30.0
 """Seconds of one flight."""
 
@@ -53,6 +53,10 @@ class Measured(Struct):
     stray: float = 0.0
     approach: float = 0.0
     """Deceleration (m/s^2) that a flight to a goal needs to stop there, at most."""
+    acceleration: float = 0.0
+    """Most acceleration, m/s^2."""
+    braking: float = math.inf
+    """Least mean deceleration (m/s^2) of a stop, from its reaction to rest."""
 
     def declared(self, approaches: Sequence[Approach]) -> dict[str, float]:
         """Return the parameters that declare it, with room.
@@ -66,6 +70,8 @@ class Measured(Struct):
             "safety.max_speed": _rounded(_ROOM * self.speed),
             "safety.max_deceleration": braking,
             "safety.reaction": reaction,
+            "safety.max_acceleration": _rounded(_ROOM * self.acceleration),
+            "safety.min_deceleration": _rounded(self.braking / _ROOM),
             "safety.margin": _rounded(
                 max(_ROOM * max(self.overshoot, self.stray, passed), _LEAST_MARGIN)
             ),
@@ -94,15 +100,12 @@ def calibrate(options: Options, distance: float) -> None:
         f"top speed      {measured.speed:.2f} m/s",
         f"reaction       {measured.reaction:.2f} s from a stop's command to the braking",
         f"stop           {measured.stop:.2f} m from the command to rest",
+        f"acceleration   {measured.acceleration:.2f} m/s^2 at most; a stop brakes with {measured.braking:.2f} at least",
         f"overshoot      {measured.overshoot:.3f} m past a goal, {measured.stray:.3f} m off its way",
         f"stops within   {measured.beyond:.2f} m, with room",
         *(f"quadctl param set {name} {value:g}" for name, value in declared.items()),
     ):
         output.line(line)
-    if measured.reaction > _REACTION:
-        output.note(
-            f"warning: safety counts on a reaction within {_REACTION:g} s; this vehicle needs longer"
-        )
 
 
 def _fly(client: Client, distance: float, *, quiet: bool) -> tuple[Measured, list[Approach]]:
@@ -181,6 +184,7 @@ def _measure_flight(
         raise Refused("no poses came during a flight")
     m.rate, m.gap = len(gaps) / max(sum(gaps), 1e-9), max(m.gap, *gaps)
     m.speed = max(m.speed, *map(speed, poses))
+    m.acceleration = max(m.acceleration, *_accelerations(poses))
     way = [b - a for a, b in zip(astuple(start), astuple(end), strict=True)]
     length = math.hypot(*way)
     along = [each / length for each in way]
@@ -218,10 +222,23 @@ def _measure_stop(m: Measured, client: Client, goal: Position) -> None:
             fastest = max(fastest, pose, key=speed)
             if speed(pose) < _HOVERS:
                 break
-        m.reaction = max(m.reaction, fastest.stamp - before.stamp)
-        m.stop = max(m.stop, farthest)
+        reaction = fastest.stamp - before.stamp
+        m.reaction, m.stop = max(m.reaction, reaction), max(m.stop, farthest)
+        ahead = max(farthest - reaction * speed(fastest), _LEAST_MARGIN)
+        m.braking = min(m.braking, speed(fastest) ** 2 / (2 * ahead))
     finally:
         poses.close()
+
+
+def _accelerations(poses: Sequence[Pose]) -> Iterator[float]:
+    """Yield the mean accelerations (m/s^2) between poses that are far enough apart; at least 0."""
+    yield 0.0
+    first = 0
+    for pose in poses:
+        while pose.stamp - poses[first].stamp >= _WINDOW:
+            before, first = poses[first], first + 1
+            change = math.dist(astuple(pose.velocity), astuple(before.velocity))
+            yield change / (pose.stamp - before.stamp)
 
 
 def _each(client: Client, poses: Any) -> Iterator[Pose]:

@@ -331,7 +331,9 @@ def readouts(board: Board, target: Position | None) -> dict[str, str]:
         v = pose.velocity
         texts |= {axis: f"{getattr(pose.position, axis) + 0.0:.2f}" for axis in "xyz"}
         texts["speed"] = f"{math.hypot(v.x, v.y, v.z):.2f} m/s"
-        texts["time"] = f"{pose.stamp:.1f} s{' in lock-step' if in_lockstep(board.values) else ''}"
+        how = " in lock-step" * in_lockstep(board.values)
+        how += ", no promise holds" * bool(board.values.get("dynamics.unproven"))
+        texts["time"] = f"{pose.stamp:.1f} s{how}"
         texts["height"] = f"{pose.position.z:.2f} m"
     if state is not None:
         texts |= {"state": state.state, "reason": state.reason, "goal": point(state.goal)}

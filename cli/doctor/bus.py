@@ -208,6 +208,16 @@ def timing(values: Mapping[str, Any]) -> Finding:
     return passed("time", f"lock-step, at speed {speed:g}: the clock waits for safety")
 
 
+def promises(values: Mapping[str, Any]) -> Finding:
+    """Report whether the promises on flights hold for the vehicle's body and gains."""
+    if values.get("dynamics.unproven"):
+        evidence = (
+            "no promise holds: `dynamics.unproven` permits bodies and gains that were never flown"
+        )
+        return warned("promises", evidence, "values near a body of docs/explanation/safety.md")
+    return passed("promises", "body and gains are near those that were flown")
+
+
 def topics(found: Survey, vehicle: str) -> Iterator[Finding]:
     """Check every topic with a declared rate."""
     waits = in_lockstep(running_values(found))
@@ -301,5 +311,6 @@ def bus(
     yield from barometer(found, vehicle)
     running = running_values(found)
     yield timing(running)
+    yield promises(running)
     yield parameters(settings, running)
     yield faults(running)

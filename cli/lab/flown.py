@@ -8,12 +8,14 @@ from typing import Any, ClassVar, NamedTuple
 from msgspec.structs import astuple
 
 from quadctl.cli.mission.mission import CageStep, GotoStep, ParamStep, Row
-from quadctl.schemas.messages import Pose, Pressure, SafetyState, Setpoint
+from quadctl.schemas.messages import CageSize, Pose, Pressure, SafetyState, Setpoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import GotoResponse, SetParamsResponse
 from quadctl.schemas.topics import POSE, PRESSURE, SETPOINT, STATE, Topic
+from quadctl.services.airspace.airworthiness import stopping_law, wind_margin
 from quadctl.services.airspace.geometry import Point, place_of
-from quadctl.services.airspace.stopping import AT_REST, GENTLE, farthest, outside
+from quadctl.services.airspace.stopping import AT_REST, leeway, outside
+from quadctl.services.airspace.zones import Region
 from quadctl.services.campaign.score import inside
 from quadctl.services.runtime.errors import QuadctlError
 
@@ -50,6 +52,12 @@ class FlownMission(NamedTuple):
     readings: Sequence[Pressure]
     setpoints: Sequence[Setpoint] = ()
     log: Sequence[str] = ()
+
+    @property
+    def margin(self) -> float:
+        """Return the margin in force (m) in the wind of the launch."""
+        flies = self.params.dynamics
+        return self.params.safety.margin + wind_margin(flies.vehicle, flies.control, flies.wind)
 
 
 def gotos(flown: FlownMission, end: int | None = None) -> list[Outcome]:
@@ -101,7 +109,9 @@ def excursion(flown: FlownMission) -> tuple[float, float]:
     and never out again once it has come nearer.
     """
     cage = Commanded(flown)
-    braking = flown.params.dynamics.control.max_acceleration
+    flies = flown.params.dynamics
+    braking = flies.control.max_acceleration
+    law = stopping_law(flies.vehicle, flies.control, flies.wind)
     worst, at, allowed = 0.0, 0.0, 0.0
     before: Point | None = None
     for pose in flown.poses:
@@ -111,7 +121,7 @@ def excursion(flown: FlownMission) -> tuple[float, float]:
             if size != before:
                 sx, sy, sz = (x + 0.5 / braking * u * abs(u) for x, u in zip(p, v, strict=True))
                 room = max(outside(*p, *size), outside(sx, sy, sz, *size))
-                allowed = max(room, farthest(*p, *v, GENTLE * braking, *size)) if room > 0 else 0.0
+                allowed = leeway(pose, CageSize(*size), Region(), law) if room > 0 else 0.0
             out = outside(*p, *size)
             if out - allowed > worst:
                 worst, at = out - allowed, pose.stamp

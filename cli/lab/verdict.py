@@ -271,7 +271,7 @@ def _stops(row: RubricRow, flown: FlownMission) -> RowVerdict:
 
 def _stays_inside(row: RubricRow, flown: FlownMission) -> RowVerdict:
     worst, at = excursion(flown)
-    allowed = row.within or flown.params.safety.margin
+    allowed = row.within or flown.margin
     text = f"{worst:.3g} m beyond the cage at {at:.1f} s"
     return RowVerdict(worst <= allowed, text if worst > 0 else "never beyond the cage")
 
@@ -456,7 +456,7 @@ def random_flight(flown: FlownMission) -> RowVerdict:
                 return RowVerdict(False, f"{name}: {fault}")
         asked = step.at
     worst, at = excursion(flown)
-    if worst > flown.params.safety.margin:
+    if worst > flown.margin:
         return RowVerdict(False, f"the vehicle was {worst:.2f} m beyond the cage at {at:.2f} s")
     last = flown.poses[-1]
     if place is not None and last.stamp >= since + TIME_TO_ARRIVE:

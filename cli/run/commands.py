@@ -110,9 +110,9 @@ def status(options: Options) -> None:
     require_local(options, "status")
     realm = Realm(options.realm)
     run = run_files.read(realm)
-    faults = _faults(realm, run)
+    faults, unproven = _faults(realm, run), _unproven(realm, run)
     if options.json:
-        output.document(msgspec.to_builtins(run) | {"faults": faults})
+        output.document(msgspec.to_builtins(run) | {"faults": faults, "unproven": unproven})
         return
     vehicles = f"vehicle{'s' if len(run.vehicles) > 1 else ''} {listed(run.vehicles)}"
     clock = "in lock-step, " if run.lockstep else ""
@@ -122,6 +122,14 @@ def status(options: Options) -> None:
     output.listing(run.vehicles, [title, *rows])
     for fault in faults:
         output.line(f"fault: {fault}; `quadctl fault clear` removes it")
+    if unproven:
+        output.line(f"warning: no promise holds for {listed(unproven)}: dynamics.unproven")
+
+
+def _unproven(realm: Realm, run: RunState) -> list[str]:
+    """Return the vehicles that may have a body far from those that were flown."""
+    tables = ((name, run_files.tables(realm, name)) for name in run.vehicles)
+    return [name for name, table in tables if table.get("dynamics", {}).get("unproven")]
 
 
 def _faults(realm: Realm, run: RunState) -> list[str]:

@@ -1,116 +1,120 @@
-"""Envelope of a vehicle: whether it can hold its place in its wind, and the limits that it can fly.
+"""Airworthiness: bodies and gains near one that was flown, the limits that each can fly, and its margin.
 
-The spare acceleration is in closed form, for the worst direction. The damping is that of the linear
-loop from position to thrust: cascaded gains, and the motors' lag plus half a control period. The
-torque is what roll and pitch have in hover before the mixer adds thrust to make room for them.
-SI units.
+Promises hold for vehicles with each parameter and gain near that of one of BODIES; searches flew the whole
+range. For these the rest is in closed form. The spare acceleration is that in the worst direction. The
+damping is that of the linear loop from position to thrust: cascaded gains, and the motors' lag plus half
+a control period. The torque is what roll and pitch have in hover before the mixer adds thrust to make
+room for them. SI units.
 
-Not covered: weak motors as a fault.
+Not covered: motors that a fault weakens.
 """
 
-from collections.abc import Callable
-from functools import wraps
-from math import cos, hypot, inf, pi, sin, sqrt, tan
-from typing import NamedTuple, ParamSpec, TypeVar
+from collections.abc import Iterator
+from functools import lru_cache
+from math import cos, exp, hypot, pi, sin, sqrt, tan
+from typing import Any, NamedTuple
 
 import msgspec
 
 from quadctl.schemas.params import WindParams
-from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.schemas.topics import SETPOINT
+from quadctl.schemas.vehicle import ControlParams, InertiaParams, RotorDragParams, VehicleParams
+from quadctl.services.airspace.stopping import AT_REST, PATIENCE, StoppingLaw
+
+
+class Body(NamedTuple):
+    """Vehicle that was flown, with the gains for it."""
+
+    name: str
+    vehicle: VehicleParams
+    control: ControlParams
+
+
+BODIES = (
+    Body("the lab's vehicle", VehicleParams(), ControlParams()),
+    Body(
+        "a Crazyflie 2.0",
+        VehicleParams(
+            mass=0.03, inertia=InertiaParams(1.43e-5, 1.43e-5, 2.89e-5), arm=0.043,
+            thrust_coefficient=2.3e-8, torque_coefficient=7.8e-10, max_motor_speed=2500.0,
+            motor_lag=0.072, drag=0.0, rotor_drag=RotorDragParams(10.2506e-7, 7.553e-7),
+        ),
+        ControlParams(1.0, 2.2, 4.0, 12.0, 0.6, 2.0, 2.5, 12.0),
+    ),
+)  # fmt: skip
+_NEAR_BODY, _NEAR_GAINS = 2.0, 1.5
+"""Factors within which a body's parameters, and its gains, are near."""
+_DRAG = ("drag", "linear_drag", "rotor_drag")
+_LIMITS = ("max_tilt", "max_speed", "max_acceleration", "max_jerk")
+"""Parameters that are near at any value: the limits that can be flown follow from drag."""
 
 CONTROL_PERIOD = 0.004
 """Seconds between two motor commands."""
-_LEAST_LAG = 0.05
-"""Shortest lag of the setpoint, s: with 0.03, short diagonal climbs, and goals replaced back and
-forth in a descent, need torques beyond the thrust: a campaign found one flight in 200 up to 6 cm
-off."""
-_SWINGS, _SLOWER = 0.4, 1.5
-"""Damping ratio below which the setpoint's lag is longer than the motors' delay, and how many times:
-otherwise a climb that turns to the side swings; a search found flights up to 2 cm off."""
+_LEAST_LAG, _SLOWER = 0.05, 1.5
+"""Shortest lag of the setpoint, s, and how many times longer than the motors' delay it is."""
 LEAST_DAMPING = 0.2
 """Damping ratio: with less, a loop swings for long, and with 0 for ever."""
-_STIFF = 2.0
-"""Least product of the gains (1/s^2) that lead from velocity to turning; a slow turn leaves an error
-in the speed, and with less it goes on for centimetres. Found by trying thousands of bodies."""
-_BRISK = 1.0
-"""Least velocity_gain, 1/s: with less, a small error in the speed, e.g. of a new gravity, goes on for
-long. With 0.4, a search in a cage of half a metre found 13 mm."""
-_FIRM = 0.2
-"""Least rate, 1/s, at which an error of the place goes: at 0.1 and less, those of several turns in
-the air added up to 36 mm."""
 _LIFT = 0.9
 """Share of the full thrust that the vertical may take."""
 _SINK = 0.8
 """Share of gravity that the vehicle may fall with."""
 _GUSTS, _STORM = 2.0, 4.0
 """RMS values of the gusts added to the mean wind: to fly in it, and to hold one's place for hours."""
+_ESTIMATED = 0.1
+"""Lag of the controller's estimate of the air, s."""
+_SWAY, _RIGHTED = 6.0, 1.5
+"""RMS values of what gusts do: to the place, passed once in some 10^8 times; to the acceleration that is
+left for it in the strongest one."""
 _ROUNDED = 1.1
 """Factor on sums of measured moments of inertia, against their errors."""
-_FLOWN = 0.9
-"""Share of the spare acceleration that the setpoint may ask for; the rest corrects errors."""
+_FLOWN, _ASKED = 0.9, 0.58
+"""Shares of the spare acceleration, and of gravity, that the setpoint may ask for."""
 _AT_SPEED = 0.5
 """Least share of the highest acceleration that is left to speed up at the highest speed."""
-_BEYOND = 0.1
-"""Least share of the highest acceleration that is left at the highest speed and what the end of an
-acceleration adds: goals replaced back and forth lead there, and what only just holds it drifts on."""
-_HELD = 3.0
-"""How hard the air may hold the vehicle, in velocity gains: an error of the place lasts as many times
-longer. With 11, those of several turns added up to 24 mm."""
-_ASKED = 0.58
-"""Share of gravity that the setpoint may accelerate with: in a fall, little thrust turns little."""
+_HELD = 0.5
+"""Most that the air may hold the vehicle, in velocity gains: an error of the place lasts longer by it."""
 _TIPPED = 3.0
-"""Most tilt, in attitude errors that the torque corrects at once: tipped by more, at little gravity and
-in thick air, motors at their limits rocked a vehicle up and away."""
+"""Most tilt, in attitude errors that the torque corrects at once."""
 _STEADY = 0.73
 """Share of the torque that the setpoint may ask for; the rest corrects errors."""
 _SNAP = 0.63
 """Highest snap after a reversed jerk, in jerks per lag: 2 t/T^2 exp(-t/T), led by less than T."""
-_KINK = 0.1
-"""Share of the torque that a step of drag's second rate may ask for: |v| v has one at rest."""
-_UPRIGHT = 0.17
-"""Attitude error (rad, ten degrees) that the torque must be able to correct."""
-_AHEAD = 0.01
-"""Yaw error (rad) that the rotors' drag must be able to correct, or the vehicle spins in its turns."""
-_SPINNING = 1000.0
-"""The same error (rad) above which motors that are late in a turn spin the vehicle: with 3000 bodies
-fly as with 1, with 10 000 some leave the cage."""
-_LEAST_SPARE, _LEAST_SPEED = 0.12, 0.1
-"""Least spare acceleration, m/s^2, and speed, m/s: with less, safety takes a flight for a standstill."""
-_LEAST_ACCELERATION = 0.2
-"""Least acceleration, m/s^2: at 0.13, a vehicle that turns round is slower than 0.05 m/s for up to a
-second, and safety takes it for one that stands still."""
+_LEAST_SPARE, _LEAST_SPEED, _LEAST_ACCELERATION = 0.12, 0.1, 0.2
+"""Least spare acceleration, m/s^2, speed, m/s, and acceleration of a setpoint, m/s^2: with less, safety
+takes a flight, or a turn, for a standstill."""
 _CLIMBS = tuple(pi / 6 * step for step in range(-3, 4))
 """Angles of motion, rad, at which the acceleration left is compared: steepest sinking to climb."""
-_HALVINGS = 30
-"""Bisection steps for a speed: to 1e-9 of the limit."""
+_HALVINGS = 12
+"""Bisection steps for a speed: to 1/4096 of the limit, from below."""
 _CLOSE = 1e-12
 """Relative precision of roots; it takes some ten rounds."""
-_KEPT = 64
-"""Results that are kept of each function."""
-
-_P = ParamSpec("_P")
-_T = TypeVar("_T")
 
 
-def _by_value(judge: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Keep a function's latest results, by the values of its tables.
+def why_unproven(vehicle: VehicleParams, control: ControlParams) -> str:
+    """Return which parameters are too far from those of the nearest body for a promise, or an empty string."""
+    found = [(_far(vehicle, control, body), body.name) for body in BODIES]
+    far, name = min(found, key=lambda one: len(one[0]))
+    return f"{', '.join(far)}: no promise holds so far from {name}" if far else ""
 
-    Each node judges each vehicle of a run several times, and most vehicles have the same values. The
-    tables are changed in place, so the same table may have other values later.
-    """
-    kept: dict[bytes, _T] = {}
 
-    @wraps(judge)
-    def judged(*tables: _P.args, **named: _P.kwargs) -> _T:
-        values = msgspec.msgpack.encode((tables, named))
-        found = kept.get(values)
-        if found is None:
-            if len(kept) >= _KEPT:
-                kept.clear()
-            found = kept[values] = judge(*tables, **named)
-        return found
+def _far(vehicle: VehicleParams, control: ControlParams, body: Body) -> list[str]:
+    tables = (vehicle, body.vehicle, _NEAR_BODY), (control, body.control, _NEAR_GAINS)
+    return [
+        f"{name} {value:g} is not within {like / factor:.3g} to {like * factor:.3g}"
+        for table, known, factor in tables
+        for (name, value), (_, like) in zip(_leaves(table), _leaves(known), strict=True)
+        if not like / factor <= value <= like * factor
+    ]
 
-    return judged
+
+def _leaves(table: Any) -> Iterator[tuple[str, float]]:
+    for name, value in msgspec.to_builtins(table).items():
+        if name in {*_DRAG, *_LIMITS}:
+            continue
+        if isinstance(value, dict):
+            yield from ((f"{name}.{axis}", part) for axis, part in value.items())
+        else:
+            yield name, value
 
 
 def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
@@ -127,54 +131,72 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
             f"{kind}: the gains and motor_lag {vehicle.motor_lag:g} s give a damping of"
             f" {damped:.2g}, below {LEAST_DAMPING:g}"
         )
-    stiffness = control.velocity_gain * control.attitude_gain
-    if stiffness < _STIFF:
-        return (
-            f"too soft: velocity_gain times attitude_gain is {stiffness:.2g} /s^2, below {_STIFF:g}"
-        )
-    if control.velocity_gain < _BRISK:
-        return f"too soft: velocity_gain is {control.velocity_gain:.2g} /s, below {_BRISK:g}"
-    if control.position_gain < _FIRM:
-        return f"too soft: position_gain is {control.position_gain:.2g} /s, below {_FIRM:g}"
     if why := why_not_held(vehicle, control, wind):
         return why
-    limits = flown(vehicle, control, wind)
-    if limits.max_speed < _LEAST_SPEED:
-        return (
-            f"against the air it flies at {limits.max_speed:.2g} m/s at most, below"
-            f" {_LEAST_SPEED:g}"
-        )
-    if limits.max_acceleration < _LEAST_ACCELERATION:
-        return (
-            f"it speeds up with {limits.max_acceleration:.2g} m/s^2 at most, below"
-            f" {_LEAST_ACCELERATION:g}"
-        )
-    error = _corrected(vehicle, control)
-    if error < _UPRIGHT:
-        return (
-            f"its torque corrects an attitude error of {error:.2g} rad, less than {_UPRIGHT:g}:"
-            " too much inertia, or gains too hard for its arms and motors"
-        )
-    spin = vehicle.torque_coefficient / vehicle.thrust_coefficient * vehicle.mass * vehicle.gravity
-    error = spin / vehicle.inertia.z / (control.rate_gain * control.attitude_gain)
-    if error < _AHEAD:
-        return (
-            f"its rotors' drag corrects a yaw error of {error:.2g} rad, less than {_AHEAD:g}:"
-            " too much inertia, or too small a torque_coefficient"
-        )
-    if error > _SPINNING:
-        return (
-            f"its rotors' drag corrects a yaw error of {error:.2g} rad, more than {_SPINNING:g}: the"
-            " smallest difference of its motors spins it; too large a torque_coefficient, or too"
-            " small a thrust_coefficient"
-        )
+    speed, acceleration, *_ = flown(vehicle, control, wind)
+    if speed < _LEAST_SPEED:
+        return f"against the air it flies at {speed:.2g} m/s at most, below {_LEAST_SPEED:g}"
+    if acceleration < _LEAST_ACCELERATION:
+        least = f"{acceleration:.2g} m/s^2 at most, below {_LEAST_ACCELERATION:g}"
+        return f"it speeds up with {least}"
     return ""
 
 
 def why_not_held(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> str:
-    """Return why a vehicle that flies in still air cannot hold its place, or an empty string."""
+    """Return why a vehicle that flies in still air cannot hold its place, or an empty string.
+
+    In the strongest gust it must be able to correct what gusts have done to it, too.
+    """
     spare, cause = _spare(vehicle, control, *_air(wind, _STORM))
-    return f"it cannot hold itself: {cause}" if spare < _LEAST_SPARE else ""
+    righted = sqrt(control.velocity_gain + control.position_gain)
+    least = max(_LEAST_SPARE, _RIGHTED * righted * _hidden(vehicle, control, wind, 0.0))
+    return f"it cannot hold itself: {cause}" if spare < least else ""
+
+
+def wind_margin(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> float:
+    """Return how far (m) wind and gusts may move the vehicle off its place, to add to `safety.margin`.
+
+    A vehicle that leaves the floor, or a wind that is set in flight, has the wind all at once: until the
+    vehicle has tilted against it, which takes it the attitude's lag, it is blown along. From the speed that it then
+    has, the loop of position and velocity stops it in v / kv, or with all that it can do in v^2 / 2a.
+    """
+    speed = hypot(wind.mean.x, wind.mean.y, wind.mean.z) + _STORM * wind.gust
+    v = _linear_drag(vehicle, 0.5 * speed) * speed / vehicle.mass / control.attitude_gain
+    spare = max(_spare(vehicle, control, *_air(wind, _STORM))[0], _LEAST_SPARE)
+    blown = v / control.velocity_gain + 0.5 * v * v / spare
+    return blown + _SWAY * sway(vehicle, control, wind)
+
+
+def least_range(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> float:
+    """Return the least acceptance range (m): nearer, a vehicle would be taken for one that does not follow.
+
+    The last of the way goes with the rate of the position's gain, and gusts move the vehicle all the time.
+    """
+    rate = control.position_gain
+    return AT_REST / rate * exp(-rate * PATIENCE) + sway(vehicle, control, wind)
+
+
+def sway(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> float:
+    """Return an upper bound (m) of the RMS on an axis of how far gusts move the vehicle off its place."""
+    speed = flown(vehicle, control, wind).max_speed if wind.gust else 0.0
+    unknown = _hidden(vehicle, control, wind, speed)
+    return unknown / (control.velocity_gain * sqrt(control.position_gain))
+
+
+def _hidden(
+    vehicle: VehicleParams, control: ControlParams, wind: WindParams, speed: float
+) -> float:
+    """Return the noise of the acceleration by gusts that the vehicle has not yet tilted against, m/s^1.5.
+
+    A gust of Dryden is white noise through a lag, the time in which the air carries its length past.
+    The tilt follows the air by the lags of its estimate and of the attitude. White noise n into the loop
+    of position and velocity moves the place by n / (kv sqrt(kp)), and its correction by n sqrt(kv + kp)
+    (RMS, from the loop's Lyapunov equation). Drag is taken in the strongest gust, at this `speed`, m/s.
+    """
+    mean = hypot(wind.mean.x, wind.mean.y, wind.mean.z)
+    drag = _linear_drag(vehicle, mean + _STORM * wind.gust + speed) / vehicle.mass
+    late = _ESTIMATED + 1 / control.attitude_gain
+    return drag * late * wind.gust * sqrt(hypot(mean, wind.gust) / wind.gust_length)
 
 
 class FlownLimits(NamedTuple):
@@ -192,7 +214,6 @@ class FlownLimits(NamedTuple):
     """rad"""
 
 
-@_by_value
 def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> FlownLimits:
     """Return the limits that the vehicle can fly in its wind.
 
@@ -201,12 +222,10 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
     if why_not_held(vehicle, control, wind):
         wind = WindParams()
     across, up = _air(wind)
-    snap = _turning(vehicle) * vehicle.gravity
     most = min(
         control.max_acceleration,
         _FLOWN * _spare(vehicle, control, across, up)[0],
         _ASKED * vehicle.gravity,
-        sqrt(_KINK * snap * vehicle.mass / (4 * vehicle.drag)) if vehicle.drag else inf,
     )
 
     def left(speed: float) -> float:
@@ -214,29 +233,13 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         airs = ((across + speed * cos(a), up + speed * sin(a)) for a in _CLIMBS)
         return _FLOWN * min(_spare(vehicle, control, *air)[0] for air in airs)
 
-    lag, gain = setpoint_lag(vehicle, control), control.velocity_gain
-
     def held(speed: float) -> float:
         """Return how hard the air holds the vehicle at this speed (m/s), 1/s."""
         return _linear_drag(vehicle, speed + hypot(across, up)) / vehicle.mass
 
-    def jerk(speed: float) -> float:
-        """Return the highest jerk at this speed (m/s), m/s^3."""
-        # Drag's second rate goes with the jerk, and adds to the snap.
-        return min(control.max_jerk, _STEADY * snap / (_SNAP / lag + held(speed)))
-
     def flies(speed: float) -> bool:
-        """Return whether the vehicle can speed up at this speed (m/s), and fly what exceeds it."""
-        # An axis that gives up half its share ends its acceleration with half the jerk. At most the
-        # speed itself: a higher acceleration is not reached within it.
-        square, ends = most * most, jerk(speed)
-        more = speed if square >= speed * ends else square / ends
-        return (
-            left(speed) >= _AT_SPEED * most
-            and left(speed + more) >= _BEYOND * most
-            and held(speed) <= _HELD * gain
-            and control.position_gain * gain >= _FIRM * (gain + held(speed))
-        )
+        """Return whether the vehicle can speed up at this speed, m/s."""
+        return left(speed) >= _AT_SPEED * most and held(speed) <= _HELD * control.velocity_gain
 
     speed, step = control.max_speed, 0.5 * control.max_speed
     if not flies(speed):
@@ -244,21 +247,39 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         for _ in range(_HALVINGS):
             speed += step if flies(speed + step) else 0.0
             step *= 0.5
-    tilt = held_tilt(vehicle, control)
-    return FlownLimits(speed, most, min(most, left(speed)), jerk(speed), tilt)
+    # Drag's second rate goes with the jerk, and adds to the snap.
+    snap = _turning(vehicle) * vehicle.gravity
+    jerk = _STEADY * snap / (_SNAP / setpoint_lag(vehicle, control) + held(speed))
+    return FlownLimits(
+        speed,
+        most,
+        min(most, left(speed)),
+        min(control.max_jerk, jerk),
+        held_tilt(vehicle, control),
+    )
+
+
+def stopping_law(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> StoppingLaw:
+    """Return the law of a stop with the limits that the vehicle can fly in its wind.
+
+    The newest pose may be a period old. The setpoint may still gain the acceleration that the limits
+    permit, which then ends with the jerk; three lags delay both. Axes that divide the limits badly brake
+    with half of them.
+    """
+    limits = flown(vehicle, control, wind)
+    most = min(limits.max_acceleration, sqrt(2 * limits.max_jerk * limits.max_speed))
+    response = 1 / SETPOINT.hz + 3 * setpoint_lag(vehicle, control) + most / limits.max_jerk
+    return StoppingLaw(response, most, 0.5 * most)
 
 
 def held_tilt(vehicle: VehicleParams, control: ControlParams) -> float:
-    """Return the tilt (rad) that the controller asks for at most: no more than the torque rights."""
-    return min(control.max_tilt, max(_TIPPED * _corrected(vehicle, control), 0.0))
+    """Return the tilt (rad) that the controller asks for at most: no more than the torque rights.
 
-
-def _corrected(vehicle: VehicleParams, control: ControlParams) -> float:
-    """Return the attitude error (rad) that the torque corrects at once.
-
-    Beyond it the mixer adds thrust, which a tilted vehicle cannot use: it tumbles.
+    Beyond the attitude error that the torque corrects at once, the mixer adds thrust, which a tilted
+    vehicle cannot use: it tumbles.
     """
-    return _turning(vehicle) / (control.rate_gain * control.attitude_gain)
+    corrected = _turning(vehicle) / (control.rate_gain * control.attitude_gain)
+    return min(control.max_tilt, max(_TIPPED * corrected, 0.0))
 
 
 def delay(vehicle: VehicleParams) -> float:
@@ -268,28 +289,25 @@ def delay(vehicle: VehicleParams) -> float:
 
 def setpoint_lag(vehicle: VehicleParams, control: ControlParams) -> float:
     """Return the time constant (s) of each of the three lags that round the setpoint."""
-    lag = delay(vehicle)
-    # The roots of the loop take time: fast motors do without them.
-    if _SLOWER * lag > _LEAST_LAG and damping(vehicle, control) < _SWINGS:
-        lag *= _SLOWER
-    return max(lag, _LEAST_LAG)
+    return max(_SLOWER * delay(vehicle), 1 / control.rate_gain, _LEAST_LAG)
 
 
 def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> list[str]:
-    """Return a line on a wind that it cannot hold, or one for each limit that it flies with less of."""
+    """Return lines on what limits its flights: no promise, its wind, and each limit that it flies with less of."""
+    lines = [why] if (why := why_unproven(vehicle, control)) else []
     if why := why_not_held(vehicle, control, wind):
-        return [why]
+        return [*lines, why]
+    if blown := wind_margin(vehicle, control, wind):
+        lines.append(f"the wind adds {blown:.2g} m to safety.margin")
     less = flown(vehicle, control, wind)
     spare, _ = _spare(vehicle, control, *_air(wind))
-    is_dragged = less.max_acceleration < min(_FLOWN * spare, _ASKED * vehicle.gravity)
     reasons = {
-        "max_acceleration": f"{'for its drag' if is_dragged else f'the body can do {spare:.2g} m/s^2,'}"
-        " flown with",
+        "max_acceleration": f"the body can do {spare:.2g} m/s^2, flown with",
         "max_speed": "against the air flown with",
         "max_jerk": "for its torque flown with",
         "max_tilt": "for its torque flown with",
     }
-    return [
+    return lines + [
         f"{name} {getattr(control, name):g}: {reason} {getattr(less, name):.2g}"
         for name, reason in reasons.items()
         if getattr(less, name) < getattr(control, name)
@@ -364,7 +382,6 @@ def _spare(
     )
 
 
-@_by_value
 def damping(vehicle: VehicleParams, control: ControlParams) -> float:
     """Return the least damping of the closed loop's modes: 1 does not swing, 0 and less grows."""
     kp, kv = control.position_gain, control.velocity_gain
@@ -373,6 +390,7 @@ def damping(vehicle: VehicleParams, control: ControlParams) -> float:
     return min(-root.real / abs(root) for root in _roots(loop))
 
 
+@lru_cache
 def _roots(coefficients: tuple[float, ...]) -> list[complex]:
     """Return a polynomial's roots, the highest power first, by Durand and Kerner's method."""
     first, last, order = coefficients[0], coefficients[-1], len(coefficients) - 1

@@ -1,9 +1,10 @@
-"""Stops: where a vehicle comes to rest that brakes now, at the soonest and at the latest.
+"""Stops: where a vehicle comes to rest that brakes now, at the soonest, and all of where it may.
 
-A vehicle passes every point up to its stopping point, so that point has to be inside. Other
-autopilots limit the approach speed in the same way: at each distance from a wall there is a speed
-from which the vehicle still stops before the wall. The functions of single numbers are compiled by
-numba, too, for a campaign.
+A vehicle's stop is described by four figures, after the idea of responsibility-sensitive safety
+(Shalev-Shwartz, Shammah, Shashua, "On a Formal Model of Safe and Scalable Self-driving Cars", 2017): its
+response, the most acceleration during it, and the least and the most deceleration after it. The first
+three bound the space that a sound vehicle needs. The last one is for the guard: from where even the
+hardest stop would end outside, the vehicle can no longer stop inside.
 """
 
 from math import dist, hypot, inf, sqrt
@@ -12,42 +13,92 @@ from msgspec import Struct
 from msgspec.structs import astuple
 
 from quadctl.schemas.messages import CageSize, Pose
+from quadctl.services.airspace.cage import bounds
 from quadctl.services.airspace.geometry import Box, Point, place_of, velocity_of
 from quadctl.services.airspace.zones import Region
 
 AT_REST = 0.05
 """Speed (m/s) below which a vehicle has come to rest."""
-REACTION = 0.5
-"""Seconds from the command to stop until the vehicle brakes: a setpoint, the jerk and the lags."""
-RISE = 0.4
-"""Seconds of these in which its speed may still change as before."""
-LAGS = 0.3
-"""Seconds for which a sound vehicle's lags hide from its poses that it begins to move, or to brake."""
-GENTLE, OWN = 0.05, 0.5
-"""A sound vehicle brakes at least with this share of the deceleration that safety allows for, or with
-this share of the acceleration that it flies with, if that is less."""
-SLACK = 0.5
-"""Metres that a vehicle needs which speeds up as hard as it can (5 m/s^2, 40 m/s^3) for the 0.25 s that
-its lags hide from its poses, and then brakes as hard."""
+PATIENCE = 1.0
+"""Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
+
+
+class StoppingLaw(Struct, frozen=True):
+    """Bounds of a sound vehicle's stop.
+
+    For the time `response` (s) after its newest pose it may still speed up with `acceleration`, then it
+    brakes with `deceleration` at least (m/s^2), the magnitude of a vector that all axes share.
+    """
+
+    response: float
+    acceleration: float
+    deceleration: float
+
+    def reach(self, towards: float, speed: float) -> float:
+        """Return how far (m) to one side a stop may lead, at this speed (m/s) towards it and in all.
+
+        All axes come to rest together: in the time that the whole speed takes.
+        """
+        gained = self.acceleration * self.response
+        if towards + gained <= 0:
+            return 0.0
+        braking = (speed + gained) / self.deceleration
+        way = (towards + 0.5 * gained) * self.response + 0.5 * (towards + gained) * braking
+        return max(way, 0.0)
+
+    def box(self, pose: Pose) -> Box:
+        """Return the box (m) with the place of a sound vehicle and its stop, whenever it brakes."""
+        velocity = velocity_of(pose)
+        speed = hypot(*velocity)
+        low, high = zip(
+            *(
+                (p - self.reach(-v, speed), p + self.reach(v, speed))
+                for p, v in zip(place_of(pose), velocity, strict=True)
+            ),
+            strict=True,
+        )
+        return low, high
+
+    @property
+    def settling(self) -> float:
+        """Return the time (s) at rest after which a vehicle that was about to stop has stopped for good."""
+        return self.response + AT_REST / self.deceleration
+
+    @property
+    def steady(self) -> "StoppingLaw":
+        """Return the law of a vehicle that speeds up no more."""
+        return StoppingLaw(self.response, 0.0, self.deceleration)
+
+    def declared(self, reaction: float, acceleration: float, deceleration: float) -> "StoppingLaw":
+        """Return the law that `[safety]` declares; without a deceleration, this one after the reaction (s)."""
+        if deceleration:
+            return StoppingLaw(reaction, acceleration, deceleration)
+        return StoppingLaw(self.response + reaction, self.acceleration, self.deceleration)
+
+    def wider(self, other: "StoppingLaw") -> "StoppingLaw":
+        """Return the law that covers the stops of both."""
+        return StoppingLaw(
+            max(self.response, other.response),
+            max(self.acceleration, other.acceleration),
+            min(self.deceleration, other.deceleration),
+        )
+
+
+STANDSTILL = StoppingLaw(0.0, 0.0, inf)
+"""Law of a vehicle at rest that is not about to move."""
 
 
 class Envelope(Struct, frozen=True):
-    """Limits of the vehicle's motion, m/s and m/s^2, with a margin, m; beyond, it is unreliable.
+    """Limits of the vehicle's motion; beyond these, by more than the margin (m), it is unreliable.
 
-    It flies on for the time `reaction` (s) before it brakes. It speeds up with `acceleration` (m/s^2)
-    at most; infinite if that is unknown.
+    `speed` is in m/s. The guard's hardest stop brakes with `deceleration` (m/s^2) after `reaction` (s).
     """
 
     speed: float
     deceleration: float
     margin: float
-    reaction: float = 0.0
-    acceleration: float = inf
-
-    @property
-    def gentle(self) -> float:
-        """Return the least deceleration (m/s^2) of a sound vehicle."""
-        return min(GENTLE * self.deceleration, OWN * self.acceleration)
+    reaction: float
+    stop: StoppingLaw
 
 
 def outside(x: float, y: float, z: float, sx: float, sy: float, sz: float) -> float:
@@ -63,27 +114,8 @@ def soonest(p: float, v: float, deceleration: float, reaction: float) -> float:
     return p + reaction * v + 0.5 / deceleration * v * abs(v)
 
 
-def latest(vx: float, vy: float, vz: float, braking: float) -> float:
-    """Return the time (s) at the present speed to where a vehicle stops that brakes late, m/s^2."""
-    return REACTION + 0.5 * sqrt(vx * vx + vy * vy + vz * vz) / braking
-
-
-def risen(v: float, before: float, seconds: float) -> float:
-    """Return the speed (m/s) of an axis that goes on to change as in the seconds before."""
-    return v + (RISE / seconds if seconds > 0.0 else 0.0) * (v - before)
-
-
-def farthest(
-    x: float, y: float, z: float, vx: float, vy: float, vz: float,
-    braking: float, sx: float, sy: float, sz: float,
-) -> float:  # fmt: skip
-    """Return how far outside the cage (m) a vehicle stops that brakes late, at this deceleration, m/s^2."""
-    t = latest(vx, vy, vz, braking)
-    return outside(x + t * vx, y + t * vy, z + t * vz, sx, sy, sz)
-
-
-SCALAR = (outside, soonest, latest, risen, farthest)
-"""Functions to be compiled, each after those that it calls."""
+SCALAR = (outside, soonest)
+"""Functions to be compiled, too, for a campaign."""
 
 
 def at_rest(pose: Pose) -> bool:
@@ -103,27 +135,9 @@ def soonest_stop(pose: Pose, deceleration: float, reaction: float = 0.0) -> Poin
 
 def straight_stop(pose: Pose, deceleration: float, reaction: float = 0.0) -> Point:
     """Return the stopping point (m) on the line of flight, at this deceleration (m/s^2) after a time, s."""
-    velocity = velocity_of(pose)
-    return _after(place_of(pose), velocity, reaction + 0.5 * hypot(*velocity) / deceleration)
-
-
-def _after(place: Point, velocity: Point, seconds: float) -> Point:
-    (x, y, z), (vx, vy, vz) = place, velocity
-    return x + seconds * vx, y + seconds * vy, z + seconds * vz
-
-
-def latest_stops(pose: Pose, last: Pose, envelope: Envelope) -> tuple[Point, Point]:
-    """Return the farthest stopping points (m) at the present speed, and as it may still change.
-
-    A sound vehicle may brake late and gently; until then, its speed may change as since the last pose.
-    """
-    seconds, now = pose.stamp - last.stamp, velocity_of(pose)
-    x, y, z = (risen(v, old, seconds) for v, old in zip(now, velocity_of(last), strict=True))
-    here, braking = place_of(pose), envelope.gentle
-    return (
-        _after(here, now, latest(*now, braking)),
-        _after(here, (x, y, z), latest(x, y, z, braking)),
-    )
+    (x, y, z), (vx, vy, vz) = place_of(pose), velocity_of(pose)
+    t = reaction + 0.5 * hypot(vx, vy, vz) / deceleration
+    return x + t * vx, y + t * vy, z + t * vz
 
 
 def stopping_excess(pose: Pose, cage: CageSize, region: Region, envelope: Envelope) -> float:
@@ -140,25 +154,17 @@ def stopping_excess(pose: Pose, cage: CageSize, region: Region, envelope: Envelo
     return max(outside(*place, *astuple(cage)), inside)
 
 
-def leeway(pose: Pose, last: Pose, cage: CageSize, region: Region, envelope: Envelope) -> float:
+def leeway(pose: Pose, cage: CageSize, region: Region, law: StoppingLaw) -> float:
     """Return the greatest distance (m) outside the cage, or in a zone, of a sound vehicle that must stop."""
-    here, size = place_of(pose), astuple(cage)
-    places = (*latest_stops(pose, last, envelope), here)
-    out = max(outside(*place, *size) for place in places)
-    return max(out, *(region.excess(here, place) for place in places)) if region else out
-
-
-def stops_in(pose: Pose, last: Pose, envelope: Envelope, motion: Box, slack: float) -> Box:
-    """Return the box (m) with the place of a sound vehicle and its stop, whenever it brakes.
-
-    It stays in the box of its motion. With `slack` (m), poses do not show yet how fast it is.
-    """
-    here, places = place_of(pose), latest_stops(pose, last, envelope)
-    low, high = zip(
+    here, box = place_of(pose), law.box(pose)
+    out = hypot(
         *(
-            (min(p, max(a, min(*ends) - slack)), max(p, min(b, max(*ends) + slack)))
-            for p, a, b, *ends in zip(here, *motion, here, *places, strict=True)
-        ),
-        strict=True,
+            max(least - low, high - most, 0.0)
+            for (least, most), low, high in zip(bounds(cage).values(), *box, strict=True)
+        )
     )
-    return low, high
+    if region and region.why_overlaps(box):
+        # No place in the box is deeper in a zone than the vehicle by more than it is away from it.
+        away = hypot(*(max(p - low, high - p) for p, low, high in zip(here, *box, strict=True)))
+        out = max(out, region.excess(here, here) + away)
+    return out

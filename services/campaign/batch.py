@@ -18,7 +18,7 @@ from quadctl.services.campaign.flight import DEPTH, SimulatedFlight, serve
 from quadctl.services.campaign.mission import Mission, faults_of
 from quadctl.services.campaign.score import Flown, LaunchCage, Score, farthest
 from quadctl.services.campaign.vehicles import VehicleBatch
-from quadctl.services.campaign.watch import MOVED, NEAREST, ROWS, SLACK, Floats
+from quadctl.services.campaign.watch import MOVED, ROWS, SLACK, Floats
 from quadctl.services.dynamics.simulation import still_in_force
 from quadctl.services.runtime.goal_latch import GoalLatch
 from quadctl.services.safety.model import State
@@ -61,6 +61,7 @@ class Batch:
         self._score = Score(count, vehicles)
         # All monitors are wanted in the first period.
         self._notes, self._found = np.zeros((len(ROWS), count)), np.empty(count, dtype=np.int64)
+        self._notes[MOVED] = -inf
         self._sent: list[object] = [None] * count
         self._latches = [GoalLatch() for _ in missions]
         self._unscored = [True] * count
@@ -113,10 +114,8 @@ class Batch:
 
     def awake(self, period: int, motion: Floats) -> list[int]:
         """Return the flights with a monitor that must run."""
-        last, stamp = self._track[max(period - 1, 0)], period / SETPOINT.hz
-        seconds = stamp - (period - 1) / SETPOINT.hz
-        look = self._fleet.loops.look
-        count = look(self._notes, motion, last, period, stamp, seconds, self._found)
+        last, look = self._track[max(period - 1, 0)], self._fleet.loops.look
+        count = look(self._notes, motion, last, period, self._found)
         found: list[int] = self._found[:count].tolist()
         return found
 
@@ -132,7 +131,7 @@ class Batch:
         here = motion[:, number].tolist()
         if lane.seen < period - 1:
             self._catch_up(number, lane, period)
-        lane.moved_at = self._notes[MOVED, number] / SETPOINT.hz
+        lane.monitor.moved = self._notes[MOVED, number] / SETPOINT.hz
         lane.see(period, here)
         if lane.act(period):
             # While no setpoint reaches a vehicle, its excursion does not count.
@@ -148,19 +147,14 @@ class Batch:
     def _catch_up(self, number: int, lane: SimulatedFlight, period: int) -> None:
         """Show a monitor the poses that count although they changed nothing when they came."""
         track, seen = self._track[:, :, number], lane.seen
-        moved = int(self._notes[MOVED, number])
+        moved = int(max(self._notes[MOVED, number], 0))
         if moved < period and lane.monitor.situation.state is State.MOVING:
             # It stands still: since when?
             for pose in (moved, max(moved, seen) + 1):
                 if seen < pose < period:
                     lane.track(pose, track[pose].tolist())
-        nearest = int(self._notes[NEAREST, number])
-        if nearest:
-            lane.skip(nearest - 1, track[nearest - 1].tolist())
-            lane.see(nearest, track[nearest].tolist())
-        if nearest < period - 1:
-            # The next pose is compared with it.
-            lane.skip(period - 1, track[period - 1].tolist())
+        # The next pose is compared with it.
+        lane.skip(period - 1, track[period - 1].tolist())
         # Poses came all the time.
         lane.monitor.tracking.stamp = (period - 1) / SETPOINT.hz
 
@@ -171,10 +165,10 @@ class Batch:
         # One assignment: writing them one by one would take ten times as long.
         self._notes[:, number] = (
             lane.wanted, lane.seen, s.state is State.MOVING, s.stops, lane.due,
-            self._notes[MOVED, number], lane.returning, 0,
-            params.acceptance_range + SLACK, params.max_deceleration, lane.monitor.envelope.gentle,
-            params.reaction, params.max_speed / SETPOINT.hz,
-            s.beyond if s.cage_on else inf, params.margin - SLACK,
+            round(lane.monitor.moved * SETPOINT.hz) if lane.monitor.moved >= 0 else -inf,
+            params.acceptance_range + SLACK,
+            params.max_deceleration, params.reaction, params.max_speed / SETPOINT.hz,
+            s.beyond if s.cage_on else inf, lane.monitor.envelope.margin - SLACK,
             *goal, size.x, size.y, size.z,
         )  # fmt: skip
 
@@ -277,9 +271,9 @@ class Batch:
                 yield f"{share[at]:.3f} of the distance to keep from uav{other} at {at / SETPOINT.hz:.2f} s"
 
     def _flown_alone(self, number: int) -> Flown:
-        diary, mission = self.lanes[number].diary, self.missions[number]
+        lane, mission = self.lanes[number], self.missions[number]
+        diary, margin = lane.diary, lane.monitor.envelope.margin
         worst, at = self._score.worst[number].item(), self._score.at[number].item()
-        margin = mission.safety.margin
         if worst > margin:
             diary.now = at
             diary.violated(f"more than {margin:g} m beyond the cage")

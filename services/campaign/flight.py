@@ -24,6 +24,7 @@ from quadctl.schemas.services import SetParamsRequest
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.airspace import airworthiness, stopping
 from quadctl.services.airspace.geometry import Point, place_of, velocity_of
+from quadctl.services.airspace.stopping import StoppingLaw
 from quadctl.services.airspace.zones import Region
 from quadctl.services.campaign.mission import (
     CageEvent,
@@ -52,6 +53,7 @@ from quadctl.services.safety import automaton
 from quadctl.services.safety.automaton import Rule, always
 from quadctl.services.safety.model import Seen, State
 from quadctl.services.safety.monitor import Monitor
+from quadctl.services.safety.motion import responded, stop_law
 from quadctl.services.safety.traffic import Traffic
 
 REACTION = 0.3
@@ -131,18 +133,18 @@ class SimulatedFlight:
         self._still_goal: Point | None = None
         self._rule = automaton.RULES[0]
         """Rule that the last pose took."""
-        self._last, self._motion = self.monitor.pose, [0.0] * 6
+        self._motion = [0.0] * 6
         self._missed, self._was_moving = 0.0, False
         """Time (s) without a pose up to this one, and whether the flight was MOVING then."""
         self.seen = -1
         """The period of the last pose that was shown."""
-        self.moved_at = 0.0
-        """The time of the last pose in motion, s."""
 
     def fly_with(self, params: DynamicsParams) -> None:
         """Tell safety with which parameters the vehicle flies."""
-        limits = airworthiness.flown(params.vehicle, params.control, params.wind)
-        self.monitor.set_acceleration(limits.max_acceleration)
+        vehicle = params.vehicle, params.control, params.wind
+        self.monitor.set_stop(
+            airworthiness.stopping_law(*vehicle), airworthiness.wind_margin(*vehicle)
+        )
 
     @property
     def is_astray(self) -> bool:
@@ -162,13 +164,16 @@ class SimulatedFlight:
     @property
     def wanted(self) -> float:
         """Return the period in which the monitor must run whatever the vehicle does."""
+        s = self.monitor.situation
         if self.params.zones or (self._traffic and self._traffic.is_shared):
             return 0  # the loop over all vehicles knows neither zones nor other vehicles
+        if s.cage_on and 0 < s.beyond < inf:
+            return 0  # nor how much nearer a vehicle outside has come
         if not self.sound:
             until = max(self._blind_until, self._stalled_until, self.mute_until, self.astray_until)
             # One more period, in which setpoints arrive again.
             late = self.diary.now - PERIOD <= max(until, self._faulty_at)
-            if late or self.monitor.situation.paused:
+            if late or s.paused:
                 return 0
         return self._rows[self._next].at * SETPOINT.hz if self._next < len(self._rows) else inf
 
@@ -177,12 +182,6 @@ class SimulatedFlight:
         """Return the period in which the vehicle is at fault, if it is at a standstill until then."""
         # One period early, against rounding.
         return self.monitor.tracking.due * SETPOINT.hz - 1
-
-    @property
-    def returning(self) -> float:
-        """Return the time (s) from which a vehicle outside must not go out again; inf for none."""
-        s = self.monitor.situation
-        return s.since + stopping.REACTION if s.cage_on and 0 < s.beyond < inf else inf
 
     def see(self, period: int, motion: Motion) -> None:
         """Show a pose to safety, unless poses are lost."""
@@ -330,7 +329,6 @@ class SimulatedFlight:
             self.monitor.silent(self._missed, self._missed if stalled else 0.0)
         self._pose_at = self.diary.now
         self.monitor.see(pose)
-        self._last = pose if first else before
         if first:
             self._confine()
         elif not self.sound or self._rule.do in _STOPS:
@@ -343,7 +341,8 @@ class SimulatedFlight:
                 self.diary.violated("a sound vehicle was stopped on its way out of the cage")
             return
         way = dist(astuple(pose.position), astuple(before.position))
-        most = self.params.max_speed * (pose.stamp - before.stamp) + self.params.margin
+        envelope = self.monitor.envelope
+        most = envelope.speed * (pose.stamp - before.stamp) + envelope.margin
         if abs(way - most) > ROUNDING and jumped is not (way > most):
             self.diary.violated(
                 "a sound pose was taken for a jump" if jumped else "a jump of the pose was missed"
@@ -354,12 +353,12 @@ class SimulatedFlight:
             if stopped:
                 self._departure.allowed = inf
             elif self._rule.when is always:
-                self._departure.returned(before, pose, self.size)
+                self._departure.returned(self.size)
 
     def _confine(self) -> None:
         """Allow the vehicle to stop as far outside as it now has to."""
         if self._departure and self.cage_on:
-            self._departure.confine(self._last, self.monitor.pose, self.size)
+            self._departure.confine(self.size)
 
     def _permits(self, place: Point) -> bool:
         return (
@@ -370,7 +369,7 @@ class SimulatedFlight:
 
     def _expect_at_goal(self) -> None:
         s, pose = self.monitor.situation, self.monitor.pose
-        since = max(self.moved_at, self.diary.changed_at)
+        since = max(self.monitor.moved, self.diary.changed_at)
         rests = s.state is State.HOVERING and self.diary.now - since > REST
         if rests and dist(s.goal, place_of(pose)) > NEAR:
             self.diary.violated("it rests away from the goal that safety publishes")
@@ -437,7 +436,7 @@ class Departure:
     def __init__(self, params: SafetyParams, monitor: Monitor) -> None:
         """Start without a limit; the vehicle brakes as gently as the monitor allows for."""
         self.allowed = inf
-        self._params, self._monitor, self._since = params, monitor, 0.0
+        self._params, self._monitor = params, monitor
 
     def is_due(self, pose: Pose, size: Point) -> bool:
         """Return whether the vehicle can no longer stop within the limit and the margin."""
@@ -445,20 +444,24 @@ class Departure:
         k, t = 0.5 / self._params.max_deceleration, self._params.reaction
         motion = zip(place_of(pose), velocity_of(pose), strict=True)
         x, y, z = (p + t * v + k * v * abs(v) for p, v in motion)
-        limit = self.allowed + self._params.margin + ROUNDING
+        limit = self.allowed + self._monitor.envelope.margin + ROUNDING
         return stopping.outside(x, y, z, *size) > limit
 
-    def confine(self, last: Pose, pose: Pose, size: Point) -> None:
-        """Set the limit when the cage changes, from safety's last two poses."""
-        self.allowed, self._since = self._leeway(last, pose, size) + stopping.SLACK, pose.stamp
+    def confine(self, size: Point) -> None:
+        """Set the limit when the cage changes."""
+        world = self._monitor.world()
+        self.allowed = self._leeway(size, stop_law(self._monitor.situation, world))
 
-    def returned(self, last: Pose, pose: Pose, size: Point) -> None:
+    def returned(self, size: Point) -> None:
         """Lower the limit for a vehicle that has come nearer."""
-        if self.allowed < inf and pose.stamp >= self._since + stopping.REACTION:
-            self.allowed = min(self.allowed, self._leeway(last, pose, size))
+        if self.allowed < inf:
+            s, world = self._monitor.situation, self._monitor.world()
+            law = stop_law(s, world)
+            law = law.steady if responded(s, world) else law
+            self.allowed = min(self.allowed, self._leeway(size, law))
 
-    def _leeway(self, last: Pose, pose: Pose, size: Point) -> float:
-        return stopping.leeway(pose, last, CageSize(*size), Region(), self._monitor.envelope)
+    def _leeway(self, size: Point, law: StoppingLaw) -> float:
+        return stopping.leeway(self._monitor.pose, CageSize(*size), Region(), law)
 
 
 def _motion(pose: Pose) -> Motion:

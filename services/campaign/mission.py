@@ -17,6 +17,7 @@ from quadctl.schemas.params import (
     WindParams,
 )
 from quadctl.schemas.topics import SETPOINT
+from quadctl.services.airspace.airworthiness import wind_margin
 from quadctl.services.airspace.geometry import Point
 
 
@@ -144,6 +145,12 @@ class Mission(Struct, frozen=True):
     dynamics: DynamicsParams
     rows: tuple[Row, ...]
 
+    @property
+    def margin(self) -> float:
+        """Return the margin beyond the cage that is in force in the wind at launch, m."""
+        flies = self.dynamics
+        return self.safety.margin + wind_margin(flies.vehicle, flies.control, flies.wind)
+
 
 def text(row: Row) -> str:
     """Return an event as a line of a log."""
@@ -164,8 +171,6 @@ def faults_of(rows: Sequence[Row]) -> dict[str, int]:
 T = TypeVar("T")
 Parameters = TypeVar("Parameters", SafetyParams, DynamicsParams)
 
-MARGIN, MARGIN_IN_WIND = 0.01, 0.05
-"""Margin beyond the cage, m: in still air, and its increase with the square of the wind, m/s."""
 GUST = 0.25
 """Ratio of the gusts' RMS on each axis to the mean wind."""
 GRID = 2.0
@@ -216,7 +221,6 @@ def mission(seed: int, draws: RandomSource, conditions: Conditions) -> Mission:
         acceptance_range=_range(draws),
         cage_on=draws.random() < 0.85,
         takeoff=_one(draws, (1.0, 1.0, 0.0, draws.uniform(0.1, 4.0))),
-        margin=MARGIN + MARGIN_IN_WIND * wind * wind,
     )
     safety = with_given(safety, "safety", given)
     cage = safety.virtual_cage
@@ -302,10 +306,10 @@ def _fault(draws: RandomSource, at: float, size: Point) -> Row:
 def _jump(draws: RandomSource) -> Point:
     """Return the error of a pose, often close to the longest way of a vehicle in one period."""
     x, y, z = (draws.uniform(-1.0, 1.0) for _ in range(3))
-    period = 1.0 / SETPOINT.hz
-    longest = SafetyParams().max_speed * period
+    period, safety = 1.0 / SETPOINT.hz, SafetyParams()
+    longest = safety.max_speed * period
     length = _one(
-        draws, (3.0, 2.0 * draws.random() * longest, longest + 2.0 * MARGIN * draws.random())
+        draws, (3.0, 2.0 * draws.random() * longest, longest + 2.0 * safety.margin * draws.random())
     )
     part = length / (sqrt(x * x + y * y + z * z) or 1.0)
     return part * x, part * y, part * z

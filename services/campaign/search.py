@@ -32,8 +32,6 @@ from quadctl.schemas.typeinfo import fields
 from quadctl.services.airspace.geometry import Point
 from quadctl.services.campaign.mission import (
     GUST,
-    MARGIN,
-    MARGIN_IN_WIND,
     CageEvent,
     Conditions,
     GotoEvent,
@@ -121,7 +119,7 @@ class Search:
         before, beyond = self._worst, [0.0] * len(self._asked)
         for flight in sorted(flights, key=lambda each: each.seed):
             mission, (home, place) = self._asked[flight.seed], divmod(flight.seed, POPULATION)
-            over = beyond[flight.seed] = flight.worst_excursion - mission.safety.margin
+            over = beyond[flight.seed] = flight.worst_excursion - mission.margin
             if self._farthest is None or over > self._farthest[0]:
                 run = self._runs[home]
                 self._farthest = over, run.around, run.genomes[place]
@@ -143,7 +141,7 @@ class Search:
             "evaluations": self.evaluations,
             "worst_excursion": max(flight.worst_excursion, 0.0),
             "at": flight.at,
-            "allowed": mission.safety.margin,
+            "allowed": mission.margin,
             "violations": flight.violations,
             "mission": tables(mission),
         }
@@ -231,12 +229,7 @@ def decode(genome: Floats, around: Surroundings, conditions: Conditions, number:
     genes = np.clip(genome, 0.0, 1.0).tolist()
     speed = np.hypot(*around.wind)
     safety = with_given(
-        SafetyParams(
-            virtual_cage=CageParams(*around.cage),
-            margin=MARGIN + MARGIN_IN_WIND * float(speed) ** 2,
-        ),
-        "safety",
-        conditions.given,
+        SafetyParams(virtual_cage=CageParams(*around.cage)), "safety", conditions.given
     )
     cage = safety.virtual_cage
     size = [cage.x, cage.y, cage.z]

@@ -28,7 +28,7 @@ def retrace(batch: Batch) -> FlightTrack:
     worst = batch.worst(0)
     mission, positions = batch.missions[worst], batch.path(worst)
     times = np.arange(len(positions)) / SETPOINT.hz
-    return FlightTrack(times, positions, _cages(mission, times), mission.safety.margin)
+    return FlightTrack(times, positions, _cages(mission, times), mission.margin)
 
 
 def _cages(mission: Mission, times: Floats) -> Floats:

@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.airspace import stopping
-from quadctl.services.airspace.stopping import AT_REST, farthest, outside, risen, soonest
-from quadctl.services.safety.monitor import PATIENCE
+from quadctl.services.airspace.stopping import AT_REST, PATIENCE, outside, soonest
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -24,35 +23,20 @@ PATIENT = PATIENCE * SETPOINT.hz
 """Periods at a standstill on its way after which a vehicle may be at fault."""
 
 ROWS = (
-    "WANTED", "SEEN", "MOVING", "SETTLING", "DUE", "MOVED", "RETURNING", "NEAREST",
-    "REACH", "BRAKING", "GENTLE", "REACTS", "FASTEST", "BEYOND", "MARGIN", "GOAL", "GOAL_Y", "GOAL_Z", "SIZE",
-    "SIZE_Y", "SIZE_Z",
+    "WANTED", "SEEN", "MOVING", "SETTLING", "DUE", "MOVED", "REACH", "BRAKING", "REACTS", "FASTEST",
+    "BEYOND", "MARGIN", "GOAL", "GOAL_Y", "GOAL_Z", "SIZE", "SIZE_Y", "SIZE_Z",
 )  # fmt: skip
 """Notes on each monitor, one in a row.
 
 Periods: in which it is wanted, in which it saw the last pose, in which its present standstill is at
-fault, of the last pose in motion, and of the missed pose on a way back from outside that is nearest to
-the cage. Flags: moving, settling. The time (s) from which it follows such a way; its acceptance range
-(m), highest and least deceleration (m/s^2), reaction (s) and way in a period (m); how far outside (m) it
-may stop, and the margin (m); the goal and the cage's bounds, m.
+fault, and of the last pose in motion. Flags: moving, settling. Its acceptance range (m), highest
+deceleration (m/s^2), reaction (s) and way in a period (m); how far outside (m) it may stop, and the
+margin (m); the goal and the cage's bounds, m.
 """
 (
-    WANTED, SEEN, MOVING, SETTLING, DUE, MOVED, RETURNING, NEAREST, REACH, BRAKING, GENTLE, REACTS, FASTEST,
+    WANTED, SEEN, MOVING, SETTLING, DUE, MOVED, REACH, BRAKING, REACTS, FASTEST,
     BEYOND, MARGIN, GOAL, GOAL_Y, GOAL_Z, SIZE, SIZE_Y, SIZE_Z,
 ) = range(len(ROWS))  # fmt: skip
-
-
-def leeway(notes: Floats, n: int, motion: Floats, last: Floats, seconds: float) -> float:
-    """Return safety's `leeway` of one vehicle, to the bit, from two poses some s apart."""
-    x, y, z = motion[0, n], motion[1, n], motion[2, n]
-    vx, vy, vz = motion[3, n], motion[4, n], motion[5, n]
-    ux, uy, uz = (
-        risen(vx, last[3, n], seconds), risen(vy, last[4, n], seconds), risen(vz, last[5, n], seconds)
-    )  # fmt: skip
-    braking, sx, sy, sz = notes[GENTLE, n], notes[SIZE, n], notes[SIZE_Y, n], notes[SIZE_Z, n]
-    now = farthest(x, y, z, vx, vy, vz, braking, sx, sy, sz)
-    later = farthest(x, y, z, ux, uy, uz, braking, sx, sy, sz)
-    return max(now, later, outside(x, y, z, sx, sy, sz))
 
 
 def awaits(notes: Floats, n: int, motion: Floats, last: Floats, period: int) -> bool:
@@ -89,24 +73,16 @@ def awaits(notes: Floats, n: int, motion: Floats, last: Floats, period: int) -> 
     return leaps
 
 
-def look(
-    notes: Floats, motion: Floats, last: Floats, period: int, stamp: float, seconds: float,
-    found: Ints,
-) -> int:  # fmt: skip
+def look(notes: Floats, motion: Floats, last: Floats, period: int, found: Ints) -> int:
     """Write the monitors that must see the pose of this period to `found`; return how many.
 
-    `motion` and `last` are the pose at `stamp` (s) and the one some seconds before: (6, vehicles).
+    `motion` and `last` are this pose and the one before: (6, vehicles).
     """
     count = 0
     for n in range(notes.shape[1]):
         if awaits(notes, n, motion, last, period):
             found[count] = n
             count += 1
-        elif stamp >= notes[RETURNING, n]:
-            out = leeway(notes, n, motion, last, seconds)
-            if out < notes[BEYOND, n]:
-                notes[BEYOND, n] = out
-                notes[NEAREST, n] = period
     return count
 
 
@@ -153,10 +129,10 @@ def separate(motions: Floats, times: Floats, vehicles: int, least: Floats, at: F
 def compiled_source() -> str:
     """Return the source of the loops for numba, to go after a kernel's source."""
     known = vars(stopping) | globals()
-    names = ("AT_REST", "REACTION", "RISE", "SLACK", "PATIENT", *ROWS)
+    names = ("AT_REST", "SLACK", "PATIENT", *ROWS)
     lines = ["", "Floats = Ints = None", *(f"{name} = {known[name]!r}" for name in names)]
     # Each after those that it calls.
-    for function in (*stopping.SCALAR, leeway, awaits, look, score, approach, separate):
+    for function in (*stopping.SCALAR, awaits, look, score, approach, separate):
         cached = ", nogil=True, cache=True" if function in {look, score, approach, separate} else ""
         lines += [f"@njit(error_model='numpy'{cached})", inspect.getsource(function)]
     return "\n".join(lines)

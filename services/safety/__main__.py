@@ -101,7 +101,9 @@ class Safety:
     def _judge_vehicle(self) -> None:
         params = self._params.dynamics
         vehicle = params.vehicle, params.control, params.wind
-        self.monitor.set_acceleration(airworthiness.flown(*vehicle).max_acceleration)
+        self.monitor.set_stop(
+            airworthiness.stopping_law(*vehicle), airworthiness.wind_margin(*vehicle)
+        )
         self.monitor.set_landing(airworthiness.why_not_held(*vehicle))
         self._send_setpoint()
 

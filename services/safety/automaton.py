@@ -16,7 +16,7 @@ to brake: it has the place where the order was given, and once STOPPED the place
 
 A way around zones has several legs. `goal` is the end of the present one, to which the setpoint leads;
 `end`, that of the whole way, is published. The next leg begins once the vehicle has settled (`rest_of`):
-it has been at rest for a quarter of a second, within a centimetre of the corner.
+it has been at rest at the corner for as long as it takes to respond.
 
 The guard of the path, `straying`, compares the soonest stop with `beyond`: how far outside the vehicle may
 come to rest. Inside, that is 0. It is set anew when the cage changes, at each boot and, if it is infinite,
@@ -43,7 +43,7 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import PAUSED
 from quadctl.services.airspace.geometry import place_of
 from quadctl.services.airspace.routes import rise
-from quadctl.services.airspace.stopping import REACTION, SLACK, at_rest
+from quadctl.services.airspace.stopping import at_rest
 from quadctl.services.safety.model import (
     Booted,
     Check,
@@ -62,7 +62,14 @@ from quadctl.services.safety.model import (
     Toggle,
     World,
 )
-from quadctl.services.safety.motion import Rest, motion, rest_of, why_excluded
+from quadctl.services.safety.motion import (
+    Rest,
+    motion,
+    responded,
+    rest_of,
+    stop_law,
+    why_excluded,
+)
 
 
 def keep(s: Situation, _e: Event, _w: World) -> Situation:
@@ -101,9 +108,11 @@ def turn(s: Situation, e: Event, w: World) -> Situation:
 
 def follow(s: Situation, _e: Event, w: World) -> Situation:
     """Fly or hover on; a vehicle that comes nearer from outside must not go back out."""
-    if not s.cage_on or not 0 < s.beyond < inf or w.pose.stamp < s.since + REACTION:
+    if not s.cage_on or not 0 < s.beyond < inf:
         return s
-    out = w.leeway()
+    # On its way to a goal inside, or to its stop, it speeds up outwards only at first.
+    law = stop_law(s, w)
+    out = w.leeway(law.steady if responded(s, w) else law)
     return replace(s, beyond=out) if out < s.beyond else s
 
 
@@ -222,7 +231,7 @@ def _flight(request: Goto) -> FlightPhase:
 
 def _caged(s: Situation, w: World) -> Situation:
     """Allow the vehicle to come to rest as far outside the cage as it now has to."""
-    return replace(s, beyond=w.leeway() + SLACK, since=w.pose.stamp)
+    return replace(s, beyond=w.leeway(stop_law(s, w)))
 
 
 def _stopped(s: Situation, w: World, reason: str) -> Situation:

@@ -11,7 +11,7 @@ from quadctl.services.airspace import stopping
 from quadctl.services.airspace.geometry import Box, Point, place_of
 from quadctl.services.airspace.routes import FlightPath
 from quadctl.services.airspace.separation import Neighbour
-from quadctl.services.airspace.stopping import Envelope
+from quadctl.services.airspace.stopping import Envelope, StoppingLaw
 from quadctl.services.airspace.zones import Region
 
 _NO_ZONES = Region()
@@ -131,7 +131,7 @@ class World(Struct, frozen=True):
     unready: str = "no pose: dynamics is silent"
     region: Region = _NO_ZONES
     others: tuple[Neighbour, ...] = ()
-    rested: float = inf
+    rested: float = 0.0
 
     @property
     def place(self) -> Point:
@@ -142,9 +142,9 @@ class World(Struct, frozen=True):
         """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest."""
         return stopping.stopping_excess(self.pose, self.cage, self.region, self.envelope)
 
-    def leeway(self) -> float:
-        """Return how far out (m) a sound vehicle comes that must stop."""
-        return stopping.leeway(self.pose, self.last, self.cage, self.region, self.envelope)
+    def leeway(self, law: StoppingLaw) -> float:
+        """Return how far out (m) a vehicle that stops by this law may come."""
+        return stopping.leeway(self.pose, self.cage, self.region, law)
 
 
 class Situation(Struct, frozen=True):
@@ -154,8 +154,7 @@ class Situation(Struct, frozen=True):
     `candidate` is being verified, whatever the phase; a refusal ends that. `beyond` is how far (m)
     outside the cage the vehicle may come to a stop: 0, except for a vehicle that was put outside; then
     it falls as the vehicle comes nearer. It is infinite once a guard has stopped the vehicle. `paused`
-    is the flight to resume when poses come again. `since` (s) is the time of the last change of the
-    cage. `corners` are the points (m) to fly to, one by one and each from rest, after `goal`, in a
+    is the flight to resume when poses come again. `corners` are the points (m) to fly to, one by one and each from rest, after `goal`, in a
     flight of so many `legs`; one without corners has 0. The present motion is straight from `origin` (m),
     or a curve somewhere in the box `reach`; it was commanded at the time `commanded` (s).
     """
@@ -167,7 +166,6 @@ class Situation(Struct, frozen=True):
     boot: str = ""
     request: int = 0
     beyond: float = 0.0
-    since: float = 0.0
     paused: Goto | None = None
     reason: str = ""
     origin: Point = (0.0, 0.0, 0.0)

@@ -21,11 +21,13 @@ from quadctl.schemas.messages import (
     Zone,
     Zones,
 )
-from quadctl.schemas.params import SafetyParams, SeparationParams
+from quadctl.schemas.params import SafetyParams, SeparationParams, WindParams
+from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.services.airspace.airworthiness import stopping_law
 from quadctl.services.airspace.cage import why_outside
 from quadctl.services.airspace.geometry import Point, place_of
 from quadctl.services.airspace.separation import Neighbour, conflicts, why_near
-from quadctl.services.airspace.stopping import Envelope, at_rest
+from quadctl.services.airspace.stopping import PATIENCE, Envelope, StoppingLaw, at_rest
 from quadctl.services.airspace.zones import Region, nearest
 from quadctl.services.safety.automaton import Rule, step
 from quadctl.services.safety.model import (
@@ -47,8 +49,6 @@ from quadctl.services.safety.model import (
 from quadctl.services.safety.motion import reserved, space_after, verify
 from quadctl.services.safety.traffic import Held, Post, Traffic
 
-PATIENCE = 1.0
-"""Time (s) at a standstill on its way to a goal after which a vehicle does not follow."""
 WAIT = 30.0
 """Simulated time (s) for which a goal waits while no vehicle ahead of it is on its way."""
 STOOD_STILL = f"the vehicle stood still for {PATIENCE:g} s on its way"
@@ -128,9 +128,11 @@ class Monitor:
         self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
-        self._moved = -inf
+        self.moved = -inf
         """Stamp (s) of the last pose of this boot in motion."""
-        self._acceleration = self._least_acceleration = inf
+        self._flown = self._stop = stopping_law(VehicleParams(), ControlParams(), WindParams())
+        self._blown = self._most_blown = 0.0
+        """Margin (m) for the present wind, and for the strongest since the last boot."""
         self._void: set[str] = set()
         self._zones, self._region = params.zones, Region(params.zones)
         self.situation = Situation(_ORIGIN, cage_on=params.cage_on or restarted)
@@ -153,9 +155,9 @@ class Monitor:
         same = pose.boot == self.situation.boot
         self._last, self.pose, self.fresh = self.pose if same else pose, pose, True
         if not at_rest(pose):
-            self._moved = pose.stamp
+            self.moved = pose.stamp
         elif not same:
-            self._moved = -inf
+            self.moved = -inf
         if not same:
             self._boot()
         self._feed(Seen())
@@ -309,13 +311,14 @@ class Monitor:
             self._feed(Hold(f"stopped and landing, {why}"))
         self._landing = why
 
-    def set_acceleration(self, acceleration: float) -> None:
-        """Take the acceleration (m/s^2) that the vehicle flies with: how gently it may brake.
+    def set_stop(self, law: StoppingLaw, blown: float) -> None:
+        """Take the law of the vehicle's stop, and the margin (m) for its wind.
 
-        A higher one counts from the next boot: the vehicle takes it at some later standstill.
+        The law counts from the vehicle's next standstill, and an earlier wind may have moved it: until the
+        next boot, safety counts with the wider of all since the last.
         """
-        self._acceleration = acceleration
-        self._least_acceleration = min(self._least_acceleration, acceleration)
+        self._flown, self._stop = law, law.wider(self._stop)
+        self._blown, self._most_blown = blown, max(blown, self._most_blown)
 
     def toggle(self, *, cage_on: bool) -> None:
         """Turn the cage on or off."""
@@ -354,7 +357,7 @@ class Monitor:
 
     def _boot(self) -> None:
         first = not self.situation.boot
-        self._least_acceleration = self._acceleration
+        self._stop, self._most_blown = self._flown, self._blown
         stays = first and self._restarted
         self._void.add(self.situation.boot)
         self._feed(Booted(self._greeting(first=first)))
@@ -380,25 +383,24 @@ class Monitor:
             # A guard, a fault or another request, also one that is refused: the goal that waits must not
             # fly off later by itself.
             self.held = None
-        # A change of `beyond` and `since` alone is not published.
-        same = after is before or replace(after, beyond=before.beyond, since=before.since) == before
+        # A change of `beyond` alone is not published.
+        same = after is before or replace(after, beyond=before.beyond) == before
         if not same or isinstance(event, Resized):
             self._on_state(self.state(), _line(before, after, event))
 
     @property
     def envelope(self) -> Envelope:
         """Return the limits of the vehicle's motion."""
-        params = self._params
-        return Envelope(
-            params.max_speed, params.max_deceleration, params.margin, params.reaction,
-            self._least_acceleration,
-        )  # fmt: skip
+        params, reaction = self._params, self._params.reaction
+        stop = self._stop.declared(reaction, params.max_acceleration, params.min_deceleration)
+        margin = params.margin + self._most_blown
+        return Envelope(params.max_speed, params.max_deceleration, margin, reaction, stop)
 
     def world(self, others: tuple[Neighbour, ...] = ()) -> World:
         """Return the automaton's input, with the newest pose."""
         return World(
             self.pose, self._last, self.fresh, self._cage(), self._params.acceptance_range, self.envelope,
-            region=self._zones_in_force(), others=others, rested=self.pose.stamp - self._moved,
+            region=self._zones_in_force(), others=others, rested=self.pose.stamp - self.moved,
         )  # fmt: skip
 
     def _zones_in_force(self) -> Region:

@@ -5,12 +5,12 @@ in flight bends the way: it is somewhere in the box around the vehicle, its stop
 goal, because each axis moves between these.
 """
 
+from collections.abc import Callable
 from enum import Enum
 from math import dist, inf, isfinite
 
-from quadctl.schemas.messages import Pose
 from quadctl.services.airspace.cage import why_below, why_outside
-from quadctl.services.airspace.geometry import Box, Piece, Point, Space, around, distance, place_of
+from quadctl.services.airspace.geometry import Box, Piece, Point, Space, around, distance
 from quadctl.services.airspace.routes import (
     LOW,
     NEAR,
@@ -24,14 +24,11 @@ from quadctl.services.airspace.routes import (
     why_crossed,
 )
 from quadctl.services.airspace.separation import Neighbour, conflicts, why_near
-from quadctl.services.airspace.stopping import LAGS, REACTION, SLACK, at_rest, stops_in
+from quadctl.services.airspace.stopping import STANDSTILL, StoppingLaw, at_rest
 from quadctl.services.safety.model import FlightPhase, GoalVerdict, Goto, Situation, World
 
 _PART = 0.25
 """Part of a short leg: before that leg, a vehicle rests at no more than this distance from its end, too."""
-_THERE, _STILL = 0.01, 0.25
-"""Distance (m) from its goal, and time (s) at rest there, from which the next way is straight: a slow
-vehicle may be about to turn round, or its setpoint may not have stopped, and from there the way bends."""
 
 
 class Rest(Enum):
@@ -45,18 +42,29 @@ class Rest(Enum):
 
 def rest_of(s: Situation, w: World) -> Rest:
     """Return how far the vehicle has come to rest."""
-    if not (at_rest(w.pose) and w.pose.stamp >= s.commanded + LAGS):
+    # A slow vehicle may be about to turn round, or its setpoint may not have stopped.
+    if not (at_rest(w.pose) and responded(s, w)):
         return Rest.NONE
-    if not (s.brake or _is_within(NEAR, s, w)):
+    if not (s.brake or _is_near(s, w)):
         return Rest.AWAY
-    settled = w.rested >= _STILL and (s.brake or _is_within(_THERE, s, w))
-    return Rest.SETTLED if settled else Rest.NEAR
+    return Rest.SETTLED if w.rested >= w.envelope.stop.settling else Rest.NEAR
 
 
-def _is_within(most: float, s: Situation, w: World) -> bool:
-    """Return whether the vehicle is so near (m) its goal; wind may keep it off by the margin."""
-    near = min(most, _PART * dist(s.origin, s.goal)) + w.envelope.margin
+def _is_near(s: Situation, w: World) -> bool:
+    """Return whether the vehicle is near its goal; wind may keep it off by the margin."""
+    near = min(NEAR, _PART * dist(s.origin, s.goal)) + w.envelope.margin
     return dist(w.place, s.goal) < near
+
+
+def responded(s: Situation, w: World) -> bool:
+    """Return whether the vehicle's motion shows its last command by now."""
+    return w.pose.stamp >= s.commanded + w.envelope.stop.response
+
+
+def stop_law(s: Situation, w: World) -> StoppingLaw:
+    """Return the law of a stop; a vehicle that has settled stays."""
+    stop = w.envelope.stop
+    return STANDSTILL if responded(s, w) and w.rested >= stop.settling else stop
 
 
 def stays(s: Situation, w: World) -> bool:
@@ -135,18 +143,36 @@ def _via(route: FlightPath, corners: tuple[Point, ...]) -> FlightPath:
 
 
 def _stop_box(s: Situation, w: World) -> Box:
-    """Return the box (m) with the vehicle and its stop.
+    """Return the box (m) with the vehicle and its stop: a sound vehicle stays in that of its motion.
 
-    In the first half second after a command its poses do not show how fast it is.
+    Once it has responded to its command, it speeds up towards its goal alone, and never passes it.
     """
-    slack = SLACK if w.pose.stamp < s.commanded + REACTION else 0.0
-    return stops_in(w.pose, w.last, w.envelope, motion(s), slack)
+    law = stop_law(s, w)
+    boxes = [motion(s), law.box(w.pose)]
+    if responded(s, w):
+        low, high = law.steady.box(w.pose)
+        if not s.brake:
+            low = _ahead(w.place, s.goal, low, min)
+            high = _ahead(w.place, s.goal, high, max)
+        boxes.append((low, high))
+    lows, highs = zip(*boxes, strict=True)
+    (x, y, z), (x0, y0, z0), (x1, y1, z1) = w.place, map(max, *lows), map(min, *highs)
+    return (min(x, x0), min(y, y0), min(z, z0)), (max(x, x1), max(y, y1), max(z, z1))
+
+
+def _ahead(place: Point, goal: Point, ends: Point, farther: Callable[..., float]) -> Point:
+    """Return the ends to one side, but the goal on each axis that has it on that side."""
+    x, y, z = (
+        g if p != g and farther(p, g) == g else end
+        for p, g, end in zip(place, goal, ends, strict=True)
+    )
+    return x, y, z
 
 
 def space_of(route: FlightPath, s: Situation, w: World) -> Space:
     """Return the space that a route needs."""
     if route.begun:
-        return (*_begun(s, w.place, route.points[0]), *legs(route.points))
+        return (*_left(s, w, route.points[0]), *legs(route.points))
     if route.reach:
         return (_box(route.reach, w.place), *legs(route.points))
     # A vehicle at rest may be some way off its goal, from which it starts.
@@ -160,7 +186,7 @@ def reserved(s: Situation, w: World) -> Space:
     if s.brake and s.paused is None:
         return (Piece(*_stop_box(s, w), is_box=True),)
     goal = s.paused.goal if s.paused else s.goal
-    return (*_begun(s, w.place, goal), *legs((goal, *s.corners)))
+    return (*_left(s, w, goal), *legs((goal, *s.corners)))
 
 
 def space_after(s: Situation, points: tuple[Point, ...], w: World) -> Space:
@@ -168,20 +194,21 @@ def space_after(s: Situation, points: tuple[Point, ...], w: World) -> Space:
     return tuple(legs((w.place if s.brake else s.end, *points)))
 
 
-def off_course(s: Situation, pose: Pose) -> float:
+def off_course(s: Situation, w: World) -> float:
     """Return how far (m) a vehicle is from where it was to be; infinite while it stops."""
     if s.stops:
         return inf
-    place = place_of(pose)
-    away = dist(place, s.goal)
-    if s.brake or (s.phase is FlightPhase.HOLDING and away < NEAR):
-        return away
-    return distance((Piece(place, place),), _begun(s, s.origin, s.goal), 1.0, 1.0)
+    if s.brake or stays(s, w):
+        return dist(w.place, s.goal)
+    course = (Piece(*s.reach, is_box=True),) if s.reach else tuple(line(s.origin, s.goal))
+    return distance((Piece(w.place, w.place),), course, 1.0, 1.0)
 
 
-def _begun(s: Situation, place: Point, goal: Point) -> Space:
-    """Return the rest of the present motion, from the vehicle's place: a curve, or straight."""
-    return (_box(s.reach, place),) if s.reach else tuple(line(place, goal))
+def _left(s: Situation, w: World, goal: Point) -> Space:
+    """Return what is left of the present motion: a curve to its goal (m), or straight."""
+    if not s.reach:
+        return tuple(line(w.place, goal))
+    return (_box(bend(*_stop_box(s, w), goal), w.place),)
 
 
 def _box(box: Box, place: Point) -> Piece:

@@ -14,16 +14,12 @@ from msgspec import Struct
 
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import SeparationParams
-from quadctl.services.airspace.geometry import Piece, Point, distance, place_of, velocity_of
+from quadctl.services.airspace.geometry import Piece, Point, distance, velocity_of
 from quadctl.services.airspace.separation import WIDER, How, Neighbour, allowed
-from quadctl.services.airspace.stopping import LAGS, soonest_stop
+from quadctl.services.airspace.stopping import straight_stop
 from quadctl.services.safety.model import Situation, World
 from quadctl.services.safety.motion import motion, off_course, reserved, space_after, stays
 
-_SHARE = 0.5
-"""Share of the greatest deceleration that a sound vehicle brakes with."""
-_FAR = 0.1
-"""Distance (m) from its course up to which a vehicle is thought to follow it."""
 _ROUNDING = 1e-9
 
 
@@ -180,16 +176,16 @@ class Traffic:
 
     def watch(self, member: Participant) -> None:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""
-        if not self.is_shared or off_course(member.situation, member.pose) <= WIDER / 2:
+        world = member.world()
+        if not self.is_shared or off_course(member.situation, world) <= WIDER / 2:
             return
-        path, world = _stop_path(member), member.world()
+        path = _stop_path(member.situation, world)
         for other in self._others(member.name):
             across, tall = allowed(member.separation, other.separation)
-            keep = max(across, tall)
-            if not across or _is_far(member.pose, other.pose, keep, world.envelope.deceleration):
-                continue
             theirs = other.world()
-            if not _meet(path, _stop_path(other), across, tall):
+            if not across or _is_far(world, theirs, max(across, tall)):
+                continue
+            if not _meet(path, _stop_path(other.situation, theirs), across, tall):
                 continue
             for one, ours, another, its in (
                 (member, world, other, theirs), (other, theirs, member, world)
@@ -217,13 +213,13 @@ def _neighbours(other: Participant, world: World, across: float, tall: float) ->
     return found
 
 
-def _is_far(a: Pose, b: Pose, keep: float, deceleration: float) -> bool:
+def _is_far(a: World, b: World, keep: float) -> bool:
     """Return whether two vehicles can stop before they are `keep` (m) apart, whatever their courses."""
     reach = keep
-    for pose in (a, b):
-        speed = hypot(*velocity_of(pose))
-        reach += LAGS * speed + speed * speed / deceleration
-    return dist(place_of(a), place_of(b)) > reach
+    for world in (a, b):
+        speed = hypot(*velocity_of(world.pose))
+        reach += world.envelope.stop.reach(speed, speed)
+    return dist(a.place, b.place) > reach
 
 
 def _meet(a: Piece, b: Piece, across: float, tall: float) -> bool:
@@ -232,24 +228,22 @@ def _meet(a: Piece, b: Piece, across: float, tall: float) -> bool:
     return distance((a,), (b,), across, tall) < min(now, 1.0) - _ROUNDING
 
 
-def _stop_path(member: Participant) -> Piece:
+def _stop_path(s: Situation, w: World) -> Piece:
     """Return the way of a vehicle until it has stopped.
 
-    One that is not far off its course stops on it, or as far off; of any other one nothing is known
+    One on its course, but for the margin, stops there, or as far off; of any other one nothing is known
     but its speed.
     """
-    pose, s = member.pose, member.situation
-    place, braking = place_of(pose), _SHARE * member.world().envelope.deceleration
-    end = soonest_stop(pose, braking)
-    x, y, z = (e + LAGS * v for e, v in zip(end, velocity_of(pose), strict=True))
-    off = off_course(s, pose)
-    if s.stops or off < _FAR:
-        slack = min(off, _FAR)
+    stop, off = w.envelope.stop, off_course(s, w)
+    end = straight_stop(w.pose, stop.deceleration, stop.response)
+    if s.stops or off <= w.envelope.margin:
+        slack = 0.0 if s.stops else off
         x, y, z = (
             min(max(e, min(a, p) - slack), max(b, p) + slack)
-            for e, p, a, b in zip((x, y, z), place, *motion(s), strict=True)
+            for e, p, a, b in zip(end, w.place, *motion(s), strict=True)
         )
-    return Piece(place, (x, y, z))
+        end = x, y, z
+    return Piece(w.place, end)
 
 
 def _approaches(a: World, b: World, across: float, tall: float) -> bool:

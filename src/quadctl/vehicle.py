@@ -256,6 +256,15 @@ class Flight:
             self._take(message)
         return self._distance
 
+    def leave(self) -> None:
+        """Wait until a goal that waits for other vehicles is flown to, or dropped; raises as `wait`."""
+        self.begin()
+        while self.paused.startswith(WAITS) and not self._is_over:
+            message = self._messages.next(self._client.timeout)
+            if message is None:
+                raise self._client.silent(STATE.key(self._client.vehicle), self._messages.problem)
+            self._take(message)
+
     def wait(
         self,
         timeout: float | None = None,

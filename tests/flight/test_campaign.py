@@ -11,6 +11,9 @@ import pytest
 from quadctl.cli import campaign as command
 from quadctl.cli.campaign import lines
 from quadctl.cli.context import options_of
+from quadctl.schemas.params import MeanWindParams, WindParams
+from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.services.airspace.airworthiness import wind_margin
 from quadctl.services.runtime import procfs
 from tests.support.campaign_flights import kept
 from tests.support.compiled import compiled_kernel
@@ -21,9 +24,12 @@ from tests.support.running import eventually
 SHORT = ("campaign", "--flights", 6, "--seconds", 4, "--seed", 3)
 SHAPE = {"flights", "seed", "worst_excursion", "transitions", "refusals", "violations", "hash"}
 
-MARGIN, GUSTS = 0.01, 0.05
-"""Allowed excursion beyond the cage, m: in still air, and in addition per square of the wind speed
-(m/s)."""
+MARGIN = 0.01
+"""Allowed excursion beyond the cage in still air, m."""
+WINDY = MARGIN + wind_margin(
+    VehicleParams(), ControlParams(), WindParams(MeanWindParams(3.0), gust=0.75)
+)
+"""The margin in force in the wind of the campaign, m."""
 
 
 @pytest.fixture(scope="module")
@@ -152,14 +158,12 @@ def test_a_search_that_breaks_a_promise_exits_8(lab: Lab):
         60,
         "--flights",
         64,
-        "--wind",
-        3,
         "--set",
-        "safety.margin=0.01",
+        "safety.margin=0",
     )
     done = lab.quadctl(*strict)
     assert done.code == 8
-    assert "VIOLATION    more than 0.01 m beyond the cage" in done.out
+    assert "VIOLATION    more than 0 m beyond the cage" in done.out
     assert done.out.endswith("again: quadctl fly worst_0.toml\n")
 
 
@@ -203,7 +207,7 @@ def test_ten_thousand_flights_stay_within_the_margin(module_lab: Lab, proofs: Pr
     compiled_kernel()
     for air, more, most in (
         ("still air", (), MARGIN),
-        ("wind of 3 m/s with faults", ("--wind", 3, "--faults"), MARGIN + GUSTS * 3**2),
+        ("wind of 3 m/s with faults", ("--wind", 3, "--faults"), WINDY),
     ):
         words = ("campaign", "--flights", 10_000, "--seed", 1, *more, "--json")
         began = time.monotonic()

@@ -181,6 +181,8 @@ def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
         ("dynamics.vehicle.motor_lag 0.5", "unstable"),
         ("dynamics.vehicle.mass 4", "its motors lift 8.32 m/s^2 at most"),
         ("dynamics.wind.mean.x=12 dynamics.control.max_tilt=0.8", "wind of 12 m/s"),
+        ("dynamics.vehicle.mass 2.1", "no promise holds so far from the lab's vehicle"),
+        ("safety.acceptance_range 1e-12", "less than the vehicle can hold, 0.0063 m"),
     ):
         done = tuned.quadctl("param", "set", *words.split())
         assert (done.code, done.out) == (6, "")

@@ -24,18 +24,30 @@ class Genes(random.Random):
 
 def evolve(rank: Callable[[random.Random], float], evaluations: int, island: int = 0) -> float:
     """Return the lowest rank of so many cases that `rank` draws; each `island` has its own."""
+    return evolve_together(lambda genes: [rank(genes[0])], evaluations, island, together=1)
+
+
+def evolve_together(
+    ranks: Callable[[list[Genes]], list[float]], evaluations: int, island: int, *, together: int
+) -> float:
+    """Return the lowest rank as `evolve`; `ranks` draws so many cases together."""
     draws = random.Random(island)
     best: list[tuple[float, list[float]]] = []
-    for number in range(evaluations * island, evaluations * (island + 1)):
-        known: list[float] = []
-        if best and draws.random() < 0.8:
-            known = list(draws.choice(best)[1])
-            for _ in range(draws.randint(1, 4)):
-                at = draws.randrange(len(known))
-                near = min(max(known[at] + draws.gauss(0, 0.03), 0.0), 1 - 1e-9)
-                known[at] = near if draws.random() < 0.7 else draws.random()
-        genes = Genes(number, known)
-        best.append((rank(genes), genes.drawn))
+    for first in range(evaluations * island, evaluations * (island + 1), together):
+        cases = [Genes(number, _varied(draws, best)) for number in range(first, first + together)]
+        best += zip(ranks(cases), (case.drawn for case in cases), strict=True)
         best.sort(key=lambda one: one[0])
         del best[_KEPT:]
     return best[0][0]
+
+
+def _varied(draws: random.Random, best: list[tuple[float, list[float]]]) -> list[float]:
+    """Return the numbers of one of the worst cases with some of them changed, or none."""
+    if not best or draws.random() >= 0.8:
+        return []
+    known = list(draws.choice(best)[1])
+    for _ in range(draws.randint(1, 4)):
+        at = draws.randrange(len(known))
+        near = min(max(known[at] + draws.gauss(0, 0.03), 0.0), 1 - 1e-9)
+        known[at] = near if draws.random() < 0.7 else draws.random()
+    return known

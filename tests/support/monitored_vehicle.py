@@ -8,8 +8,9 @@ from functools import cache
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position, Velocity
-from quadctl.schemas.params import DynamicsParams, SafetyParams
+from quadctl.schemas.params import DynamicsParams, SafetyParams, StartParams
 from quadctl.schemas.topics import SETPOINT
+from quadctl.services.airspace import airworthiness
 from quadctl.services.dynamics.compiler import MachineCode
 from quadctl.services.dynamics.vehicle import Vehicle
 from quadctl.services.safety.model import State
@@ -33,12 +34,15 @@ class MonitoredVehicle:
         start: Position,
         name: str = "uav",
         traffic: Traffic | None = None,
+        body: DynamicsParams | None = None,
     ) -> None:
         self.monitor = Monitor(
             params, lambda *_: None, restarted=False, grace=1.0, name=name, traffic=traffic
         )
-        dynamics = DynamicsParams()
-        dynamics.start = replace(dynamics.start, x=start.x, y=start.y, z=start.z)
+        dynamics = replace(body or DynamicsParams(), start=StartParams(start.x, start.y, start.z))
+        flies = dynamics.vehicle, dynamics.control, dynamics.wind
+        self.law = airworthiness.stopping_law(*flies)
+        self.monitor.set_stop(self.law, airworthiness.wind_margin(*flies))
         self.vehicle = Vehicle(dynamics)
         self.vehicle.fly = machine().single()
         self._sent: object = None
@@ -86,7 +90,7 @@ def periods(seconds: float) -> range:
     return range(round(seconds * SETPOINT.hz))
 
 
-def land(fly_on: Callable[[], None], is_done: Callable[[], bool], longest: float = 60.0) -> None:
+def land(fly_on: Callable[[], None], is_done: Callable[[], bool], longest: float = 600.0) -> None:
     """Fly, period by period, until everything stands still."""
     for _ in periods(longest):
         fly_on()

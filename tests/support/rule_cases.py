@@ -12,7 +12,6 @@ from msgspec.structs import replace
 
 from quadctl.services.airspace.geometry import Point
 from quadctl.services.airspace.routes import FlightPath
-from quadctl.services.airspace.stopping import SLACK
 from quadctl.services.safety.model import (
     Booted,
     Check,
@@ -47,6 +46,7 @@ from tests.support.worlds import (
     HERE,
     HOVERING,
     INSIDE,
+    LAW,
     LEAPT,
     LEAPT_OUT,
     LEAPT_TO_REST,
@@ -122,7 +122,7 @@ def guarded(reason: str, goal: Point = HERE) -> dict[str, Any]:
 
 def caged(world: World) -> dict[str, Any]:
     """Return the changes of a new cage while the vehicle leaves it."""
-    return {"beyond": world.leeway() + SLACK, "since": 4.0}
+    return {"beyond": world.leeway(LAW)}
 
 
 def waiting(reason: str, takeoff: bool = False) -> dict[str, Any]:
@@ -143,12 +143,12 @@ def flown(*points: Point) -> Check:
 
 
 BOOT = {
-    "candidate": None, "boot": "b2", "goal": HERE, "phase": FlightPhase.STOPPED, "beyond": SLACK,
-    "since": 4.0, "reason": "anew",
+    "candidate": None, "boot": "b2", "goal": HERE, "phase": FlightPhase.STOPPED, "beyond": 0.0,
+    "reason": "anew",
 }  # fmt: skip
 TAKEN = {"candidate": None, "goal": INSIDE, "phase": FlightPhase.FLYING, "reason": ""}
 INSIDE_AGAIN, TOLD, STRICT = {"beyond": 0.0}, {"beyond": inf}, {"beyond": 0.0}
-CAGED, FAR_OUT = {"beyond": SLACK, "since": 4.0}, caged(FASTER)
+CAGED, FAR_OUT = {"beyond": 0.0}, caged(FASTER)
 BESIDE = "stopped, the path led out of the cage by 0.05 m"
 NOTHING: dict[str, Any] = {}
 STOPPING = {"phase": FlightPhase.STOPPING}
@@ -298,9 +298,11 @@ CASES = (
     Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER, {"goal": OUT}),
     Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), FASTER, {"beyond": 0.2375}),
     Case(MOVING, "always", Seen(), NOTHING, FASTER, {"beyond": 0.2425}),
-    Case(MOVING, "always", Seen(), {"beyond": AS_FAST.leeway()}, AS_FAST, {"beyond": 9.0}),
+    Case(MOVING, "always", Seen(), {"beyond": AS_FAST.leeway(LAW.steady)}, AS_FAST,
+         {"beyond": 9.0}),
+    Case(MOVING, "always", Seen(), {"beyond": AS_FAST.leeway(LAW), "commanded": -inf}, AS_FAST,
+         {"beyond": 9.0, "commanded": 3.8}),
     Case(MOVING, "straying", Seen(), guarded(ASTRAY, OUT), SLOWER),
-    Case(MOVING, "always", Seen(), NOTHING, AS_FAST, {"beyond": 9.0, "since": 3.6}),
     Case(MOVING, "always", Seen(), NOTHING, FASTER, OFF),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN),
     Case(MOVING, "always", Seen(), INSIDE_AGAIN, RUSHED),

@@ -243,8 +243,8 @@ def abstracted() -> Iterator[None]:
         patch.setattr(motion, "space_of", lambda *_: ())
         patch.setattr(
             motion,
-            "_is_within",
-            lambda most, s, w: related(f"within {most}", *flat(s.goal, w.place)),
+            "_is_near",
+            lambda s, w: related("near", *flat(s.goal, w.place)),
         )
         patch.setattr(motion, "why_barred", lambda route, _: barred("way", *flat(*route.points)))
         patch.setattr(motion, "_why_zoned", lambda s, w: barred("rest", *flat(w.place, s.goal)))
@@ -255,7 +255,7 @@ def abstracted() -> Iterator[None]:
         for owner in (automaton, stopping):
             patch.setattr(owner, "dist", lambda a, b: opaque("dist", *a, *b))
         for name in ("leeway", "stopping_excess"):
-            patch.setattr(World, name, lambda _w: Number())
+            patch.setattr(World, name, lambda _w, *_: Number())
         yield
 
 

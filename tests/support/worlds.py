@@ -4,7 +4,7 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
 from quadctl.schemas.zones import ZoneParams
-from quadctl.services.airspace.stopping import Envelope
+from quadctl.services.airspace.stopping import Envelope, StoppingLaw
 from quadctl.services.airspace.zones import Region
 from quadctl.services.safety.model import FlightPhase, Situation, State, World
 
@@ -22,11 +22,12 @@ POSE = Pose(
     "b1", 0, 4.0, Position(*HERE), FLYING, Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
 )
 LAST = replace(POSE, position=Position(-0.05, 0.0, 1.0), stamp=3.95)
-ENVELOPE = Envelope(speed=10.0, deceleration=10.0, margin=0.01)
+LAW = StoppingLaw(response=0.25, acceleration=4.0, deceleration=2.0)
+ENVELOPE = Envelope(speed=10.0, deceleration=10.0, margin=0.01, reaction=0.0, stop=LAW)
 SEEING = World(POSE, LAST, fresh=True, cage=CAGE, acceptance_range=0.5, envelope=ENVELOPE)
 BLIND = replace(SEEING, fresh=False)
 AT_REST = replace(
-    SEEING, pose=replace(POSE, velocity=RESTING), last=replace(LAST, velocity=RESTING)
+    SEEING, pose=replace(POSE, velocity=RESTING), last=replace(LAST, velocity=RESTING), rested=9.0
 )
 REBOOTED = replace(SEEING, pose=replace(POSE, boot="b2"))
 AT_GOAL = replace(SEEING, last=replace(LAST, position=Position(2.45, 0.0, 1.0)))
@@ -37,7 +38,7 @@ LEAPT_TO_REST = replace(LEAPT, pose=AT_REST.pose)
 
 
 def leaving(before: float, x: float = 5.05) -> World:
-    """Return a world leaving the cage at 2 m/s (0.2 m to stop), after another speed (m/s)."""
+    """Return a world leaving the cage at 2 m/s (0.2 m to stop soonest), after another speed (m/s)."""
     pose = replace(POSE, position=Position(x, 0.0, 1.0), velocity=Velocity(2.0, 0.0, 0.0))
     past = Position(x - 0.1, 0.0, 1.0)
     last = replace(LAST, position=past, velocity=Velocity(before, 0.0, 0.0))
@@ -56,7 +57,7 @@ AT_CORNER = replace(
     last=replace(AT_REST.last, position=Position(*GOAL)),
 )
 PASSING_CORNER = replace(AT_CORNER, rested=0.2)
-BESIDE_CORNER = replace(AT_CORNER, pose=replace(AT_CORNER.pose, position=Position(2.975, 0.0, 1.0)))
+BESIDE_CORNER = replace(AT_CORNER, pose=replace(AT_CORNER.pose, position=Position(2.955, 0.0, 1.0)))
 TOWER = ZoneParams("tower", "exclusion", polygon=((0.5, -1.0), (2.0, -1.0), (2.0, 2.5), (0.5, 2.5)))
 AMONG = replace(AT_REST, region=Region((TOWER,)))
 """A tower is between HERE and GOAL; INSIDE is in it."""

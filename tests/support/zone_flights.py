@@ -7,9 +7,10 @@ from math import inf
 from msgspec.structs import astuple
 
 from quadctl.schemas.messages import Position
-from quadctl.schemas.params import CageParams, SafetyParams
+from quadctl.schemas.params import CageParams, DynamicsParams, SafetyParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.airspace.zones import Region
+from tests.support.bodies import dynamics_of, random_body
 from tests.support.evolved import evolve
 from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, land, periods, random_height
 
@@ -21,11 +22,13 @@ class ZoneFlight(MonitoredVehicle):
 
     watches = False
 
-    def __init__(self, *zones: ZoneParams, start: Position | None = None) -> None:
+    def __init__(
+        self, *zones: ZoneParams, start: Position | None = None, body: DynamicsParams | None = None
+    ) -> None:
         self.params = SafetyParams(
             virtual_cage=CageParams(SIZE, SIZE, HEIGHT), zones=list(zones), takeoff=0.0
         )
-        super().__init__(self.params, start or Position(0.0, 0.0, 1.0))
+        super().__init__(self.params, start or Position(0.0, 0.0, 1.0), body=body)
         self.deepest, self.verdicts = 0.0, {True: 0, False: 0}
         self.nearest = inf
         """Least distance (m) from a zone in a period, if the flight `watches` it."""
@@ -113,7 +116,9 @@ def random_flight(seed: int) -> ZoneFlight:
     return drawn_flight(random.Random(seed))
 
 
-def drawn_flight(draws: random.Random, make: type[ZoneFlight] = ZoneFlight) -> ZoneFlight:
+def drawn_flight(
+    draws: random.Random, make: type[ZoneFlight] = ZoneFlight, body: DynamicsParams | None = None
+) -> ZoneFlight:
     """Fly a drawn flight of some 15 s: goals, changes of course, holds, zones that come and go."""
     zones = [random_zone(draws, n) for n in range(draws.randint(1, 8))]
     region = Region(zones)
@@ -123,7 +128,7 @@ def drawn_flight(draws: random.Random, make: type[ZoneFlight] = ZoneFlight) -> Z
         return Position(x, y, random_height(draws, HEIGHT))
 
     start = next(p for p in iter(somewhere, None) if not region.why_inside(astuple(p)))
-    flight = make(*zones, start=start)
+    flight = make(*zones, start=start, body=body)
     for _ in range(draws.randint(3, 7)):
         flight.goto(somewhere(), replace=draws.random() < 0.7, direct=draws.random() < 0.2)
         flight.fly(draws.choice((0.1, 0.5, 1.5, 3.0, 5.0)))
@@ -153,16 +158,18 @@ class _Watched(ZoneFlight):
     watches = True
 
 
-def search(evaluations: int, island: int = 0) -> tuple[float, float]:
+def search(evaluations: int, island: int = 0, *, soft: bool = False) -> tuple[float, float]:
     """Return the greatest depth (m) and the least distance (m) of so many flights.
 
-    The ones that came deepest, or else nearest, are varied; each `island` has its own.
+    The ones that came deepest, or else nearest, are varied; each `island` has its own. With `soft`, each has
+    a soft vehicle of the table, else the lab's.
     """
     deepest, nearest = 0.0, inf
 
     def rank(draws: random.Random) -> float:
         nonlocal deepest, nearest
-        flight = drawn_flight(draws, _Watched)
+        body = dynamics_of(random_body(draws, soft=True)) if soft else None
+        flight = drawn_flight(draws, _Watched, body)
         deepest, nearest = max(deepest, flight.deepest), min(nearest, flight.nearest)
         return flight.rank
 

@@ -111,7 +111,7 @@ class LiveParams:
         return airworthiness.limited(dynamics.vehicle, dynamics.control, dynamics.wind)
 
     def _checked(self, values: dict[str, Any]) -> Struct:
-        tables = {self._name: self._table()}
+        tables = msgspec.to_builtins(self._params)
         in_wind = False
         if is_too_deep(values):
             raise Invalid(f"the values are {TOO_DEEP}")

@@ -23,6 +23,7 @@ from quadctl.services.runtime.realm import DEFAULT, listed
 
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
+_UNPROVEN = "values nearer to it, or a launch with `dynamics.unproven = true`, without the promises"
 _MOST_BYTES = 1_000_000
 """Bytes of the largest file that is read; a file for a thousand vehicles has a tenth of this."""
 _AT = r"(?s)^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$"
@@ -66,6 +67,17 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
     wind = dynamics.wind if in_wind else WindParams()
     if why := airworthiness.why_not(dynamics.vehicle, dynamics.control, wind):
         raise Invalid(f"{source}: dynamics: this vehicle would not fly: {why}", _AIRWORTHY)
+    if not dynamics.unproven and (
+        why := airworthiness.why_unproven(dynamics.vehicle, dynamics.control)
+    ):
+        raise Invalid(f"{source}: dynamics: {why}", _UNPROVEN)
+    least = airworthiness.least_range(dynamics.vehicle, dynamics.control, wind)
+    if params.safety.acceptance_range < least:
+        raise Invalid(
+            f"{source}: safety.acceptance_range: {params.safety.acceptance_range:g} m is less than the"
+            f" vehicle can hold, {least:.2g} m",
+            "a wider range",
+        )
     return params
 
 

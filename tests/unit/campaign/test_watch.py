@@ -8,16 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
-from quadctl.services.airspace.stopping import Envelope
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.score import Score
-from quadctl.services.safety.model import World
 from tests.support.compiled import compiled_kernel
 
 SIZE = (2.0, 3.0, 1.5)
 BRAKING = 10.0
-ENVELOPE = Envelope(10.0, BRAKING, 0.01)
 
 
 @cache
@@ -30,39 +26,21 @@ speeds = st.floats(-5.0, 5.0)
 motions = st.tuples(metres, metres, metres, speeds, speeds, speeds)
 
 
-def pose(motion: tuple[float, ...], stamp: float) -> Pose:
-    level, still = Quaternion(1.0, 0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0)
-    return Pose("", 0, stamp, Position(*motion[:3]), Velocity(*motion[3:]), level, still)
-
-
 def notes(**rows: float) -> watch.Floats:
     """Return notes on one monitor that waits for nothing, but for these rows."""
     made = np.zeros((len(watch.ROWS), 1))
-    never = ("WANTED", "DUE", "RETURNING", "BEYOND", "FASTEST")
+    never = ("WANTED", "DUE", "BEYOND", "FASTEST")
     values = dict.fromkeys(never, np.inf) | {"BRAKING": BRAKING, "REACH": 0.5}
-    values["GENTLE"] = ENVELOPE.gentle
     values |= dict(zip(("SIZE", "SIZE_Y", "SIZE_Z"), SIZE, strict=True)) | rows
     for name, value in values.items():
         made[watch.ROWS.index(name)] = value
     return made
 
 
-@given(motions, motions, st.integers(1, 1000))
-def test_the_leeway_is_that_of_safety_to_the_bit(now: Any, last: Any, period: int):
-    stamps = (period - 1) / 20, period / 20
-    world = World(
-        pose(now, stamps[1]), pose(last, stamps[0]), True, CageSize(*SIZE), 0.5,
-        ENVELOPE,
-    )  # fmt: skip
-    columns = np.array([now]).T, np.array([last]).T
-    found = watch.leeway(notes(), 0, *columns, stamps[1] - stamps[0])
-    assert found == world.leeway()
-
-
 def look(loops: Any, rows: watch.Floats, now: Any, last: Any, period: int = 40) -> bool:
     found = np.empty(1, dtype=np.int64)
     columns = np.array([now]).T.copy(), np.array([last]).T.copy()
-    return bool(loops.look(rows, *columns, period, period / 20, 0.05, found))
+    return bool(loops.look(rows, *columns, period, found))
 
 
 HERE = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -96,19 +74,6 @@ def test_a_monitor_is_called_when_a_condition_may_hold(
     kind: str, rows: dict[str, float], now: Any, last: Any, expected: bool
 ):
     assert look(loops_of(kind), notes(**rows), now, last) is expected
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["plain", "compiled"])
-def test_a_vehicle_that_returns_is_followed_without_its_monitor(kind: str):
-    rows = notes(BEYOND=1.0, MARGIN=0.01, RETURNING=2.0)
-    near, nearer = (2.5, *HERE[1:]), (2.25, *HERE[1:])
-    assert not look(loops_of(kind), rows, near, near, period=39)
-    assert rows[watch.BEYOND, 0] == 1.0
-    assert not look(loops_of(kind), rows, near, near, period=40)
-    assert not look(loops_of(kind), rows, nearer, nearer, period=41)
-    assert (rows[watch.BEYOND, 0], rows[watch.NEAREST, 0]) == (0.25, 41)
-    assert look(loops_of(kind), rows, near, nearer, period=42)
 
 
 @given(st.lists(motions, min_size=4, max_size=4))

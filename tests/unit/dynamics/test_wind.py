@@ -1,15 +1,17 @@
 """Wind and gusts: exact generators, Dryden's figures, reproducible by seed."""
 
 from itertools import pairwise
-from math import dist, exp, sqrt
+from math import dist, exp, hypot, sqrt
 from statistics import fmean, pstdev
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from quadctl.schemas.vehicle import RotorDragParams, VehicleParams
+from quadctl.services.airspace.airworthiness import BODIES, Body, wind_margin
 from quadctl.services.dynamics.controller import PERIOD
 from quadctl.services.dynamics.rigidbody import body_constants, step
 from quadctl.services.dynamics.rotor import hover_speed
@@ -28,6 +30,7 @@ from quadctl.services.dynamics.wind import (
     noise,
     weather_of,
 )
+from tests.support.monitored_vehicle import machine
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 STILL = (0.0, 0.0, 0.0)
@@ -181,7 +184,24 @@ def test_gusts_move_a_fast_vehicle_little(wind, gust):
         for _ in range(160):
             vehicle.advance(50)
             worst = max(worst, abs(vehicle.position[1]))
-    assert worst < 0.5 * (0.01 + 0.05 * wind**2)
+    flies = params(mean=(0.0, wind, 0.0), gust=gust)
+    assert worst < 0.5 * (0.01 + wind_margin(flies.vehicle, flies.control, flies.wind))
+
+
+@pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
+@pytest.mark.parametrize(("wind", "gust"), [(0.0, 0.5), (0.0, 1.5), (3.0, 0.75), (4.0, 0.0)])
+def test_wind_moves_a_vehicle_less_than_it_adds_to_the_margin(body: Body, wind: float, gust: float):
+    margin = wind_margin(body.vehicle, body.control, WindParams(MeanWindParams(wind), gust))
+    worst = 0.0
+    for seed, height in ((1, 0.0), (2, 2.0)):  # it leaves the floor, or hovers
+        chosen = params(mean=(wind, 0.0, 0.0), gust=gust, seed=seed, z=height)
+        vehicle = Vehicle(replace(chosen, vehicle=body.vehicle, control=body.control))
+        vehicle.fly = machine().single()
+        vehicle.goto(0.0, 0.0, 2.0)
+        for _ in range(3000):
+            vehicle.advance(10)
+            worst = max(worst, hypot(*vehicle.position[:2]))
+    assert 0.02 * margin < worst < margin
 
 
 def test_gusts_do_not_move_a_vehicle_on_the_floor():

@@ -91,7 +91,7 @@ WORLDS = {(cage, past): worlds(cage, any_past=past) for cage in CAGES for past i
 
 def plain(situation: Situation) -> Situation:
     """Return the situation without the fields that no rule reads before they are set again."""
-    changes: dict[str, Any] = {"request": 0, "reason": "", "boot": "", "since": 0.0}
+    changes: dict[str, Any] = {"request": 0, "reason": "", "boot": ""}
     # The motion so far counts among zones alone.
     changes |= {"origin": ORIGIN, "reach": None}
     # All worlds have one time: the command was given long before.
@@ -186,7 +186,7 @@ def test_all_states_are_explored_and_every_rule_fires(explorer: Explorer):
     states = dict.fromkeys(State, 0)
     for situation, _ in explorer.nodes:
         states[situation.state] += 1
-    assert states == {State.HOVERING: 199, State.VERIFYING: 3750, State.MOVING: 624}
+    assert states == {State.HOVERING: 145, State.VERIFYING: 2094, State.MOVING: 320}
 
 
 def test_every_transition_is_drawn_and_explained():
@@ -325,6 +325,14 @@ def mutants() -> Iterator[tuple[str, Table]]:
             yield f"{name(rule)} swapped with {name(after)}", swapped
 
 
+EQUAL = {
+    f"{name(rule)} do={automaton.resize_and_stop}"
+    for rule in RULES
+    if rule.on is Seen and rule.when is automaton.straying
+}
+"""Mutants that change nothing: a guard's stop sets `beyond` after the resize did."""
+
+
 @pytest.mark.thorough
 def test_no_mutant_of_the_rule_table_passes_all_cases():
     found = list(mutants())
@@ -333,4 +341,4 @@ def test_no_mutant_of_the_rule_table_passes_all_cases():
     assert len(found) == len(RULES) * (1 + kinds + len(ACTIONS) - 1) + swaps
     assert len(found) > 60
     assert holds(RULES)
-    assert [what for what, table in found if holds(table)] == []
+    assert {what for what, table in found if holds(table)} == EQUAL

@@ -8,8 +8,9 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import CageSize, Position, Velocity
 from quadctl.services.airspace.geometry import Point
+from quadctl.services.airspace.stopping import PATIENCE
 from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import PATIENCE, STOOD_STILL, TrackingMonitor
+from quadctl.services.safety.monitor import STOOD_STILL, TrackingMonitor
 from tests.support.monitor_rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
 from tests.support.worlds import POSE
 

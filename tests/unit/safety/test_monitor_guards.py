@@ -10,7 +10,7 @@ from msgspec.structs import astuple, replace
 from quadctl.schemas.messages import CageSize, Position, Velocity
 from quadctl.services.airspace import stopping
 from quadctl.services.airspace.cage import why_outside
-from quadctl.services.airspace.stopping import soonest_stop
+from quadctl.services.airspace.stopping import StoppingLaw, soonest_stop
 from tests.support.monitor_rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
 from tests.support.worlds import POSE
 
@@ -207,16 +207,17 @@ def test_a_declared_reaction_is_a_part_of_the_way_to_a_stop():
     assert soonest_stop(pose, 4.0, 0.25)[0] == 1.0 + 0.5 + 0.5
 
 
-def test_the_least_acceleration_since_the_boot_is_how_gently_a_vehicle_may_brake():
+def test_the_widest_law_since_the_boot_is_the_one_that_counts():
     rig = Rig().hovering()
-    assert rig.monitor.envelope.gentle == 0.5
-    rig.monitor.set_acceleration(0.2)
-    assert rig.monitor.envelope.gentle == 0.1
+    before = rig.monitor.envelope.stop
+    slow = StoppingLaw(2 * before.response, before.acceleration, 0.1)
+    rig.monitor.set_stop(slow, 0.2)
+    assert rig.monitor.envelope.stop == slow
     # Until its next standstill the vehicle flies by the old value.
-    rig.monitor.set_acceleration(5.0)
-    assert rig.monitor.envelope.gentle == 0.1
+    rig.monitor.set_stop(before, 0.0)
+    assert rig.monitor.envelope.stop == slow
     rig.at(ONE_UP, boot="b2")
-    assert rig.monitor.envelope.gentle == 0.5
+    assert rig.monitor.envelope.stop == before
 
 
 def test_a_flight_inside_the_cage_is_not_disturbed():

@@ -12,7 +12,7 @@ from math import ceil, dist
 from msgspec import Struct
 
 from quadctl.services.airspace.geometry import Piece, Point, distance
-from quadctl.services.airspace.routes import LOW, legs
+from quadctl.services.airspace.routes import HOP, LOW, legs
 from quadctl.services.airspace.separation import WIDER
 from quadctl.services.runtime.errors import Refused
 
@@ -21,7 +21,7 @@ Free = Callable[[str, Point, Point], bool]
 
 _MARGIN = WIDER + 0.01
 """Metres by which a plan keeps farther away than vehicles must: a little more than safety asks for."""
-_SPEED, STOP = 2.0, 1.5
+_SPEED, _STOP = 2.0, 1.5
 """Speed (m/s) and seconds for speeding up and braking, to judge which way takes least."""
 _ROOM = 3.0
 """Metres around all places and goals within which a vehicle makes room."""
@@ -90,8 +90,16 @@ def _apart(a: Point, b: Point, space: Space) -> bool:
     return _point_to_way(b, a, a, space) >= 1
 
 
+def _rise_to_way(p: Point, a: Point, b: Point, space: Space) -> float:
+    """Return `_point_to_way` of a vehicle that has yet to leave: from the floor it rises first."""
+    if p[2] >= HOP:
+        return _point_to_way(p, a, b, space)
+    rise, keeps = Piece(p, (*p[:2], HOP)), (space.across + _MARGIN, space.tall + _MARGIN)
+    return distance((rise,), (Piece(a, b),), *keeps) ** 2
+
+
 def _point_to_way(p: Point, a: Point, b: Point, space: Space) -> float:
-    """Return the square of a point's least distance from a straight way; 1 is just apart."""
+    """Return the square of a place's least distance from a straight way; 1 is just apart."""
     wide, tall = 1 / (space.across + _MARGIN), 1 / (space.tall + _MARGIN)
     ux, uy, uz = (b[0] - a[0]) * wide, (b[1] - a[1]) * wide, (b[2] - a[2]) * tall
     wx, wy, wz = (p[0] - a[0]) * wide, (p[1] - a[1]) * wide, (p[2] - a[2]) * tall
@@ -169,10 +177,12 @@ class _Plan:
 
     def _is_clear(self, name: str, a: Point, b: Point) -> bool:
         for other, place in self._at.items():
-            if other != name and _point_to_way(place, a, b, self._space) < 1:
+            leaves = place != self._goals.get(other, place)
+            to_way = _rise_to_way if leaves else _point_to_way
+            if other != name and to_way(place, a, b, self._space) < 1:
                 # One that stands too near already may be left, but not approached.
-                near = _point_to_way(place, a, a, self._space)
-                if near >= 1 or _point_to_way(place, a, b, self._space) < near:
+                near = to_way(place, a, a, self._space)
+                if near >= 1 or to_way(place, a, b, self._space) < near:
                     return False
         return self._space.free(name, a, b)
 
@@ -189,7 +199,7 @@ class _Plan:
                 if leg.vehicle != name and self._meet(leg, a, b)
             )
             begins = max([begins, *(self._ends[number] for number in after)])
-            begins += dist(a, b) / _SPEED + STOP
+            begins += dist(a, b) / _SPEED + _STOP
             legs.append(Leg(name, a, b, after))
             ends.append(begins)
         return legs, ends

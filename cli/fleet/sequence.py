@@ -5,29 +5,32 @@ from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from math import sqrt
 from threading import Event, Thread
-from typing import Self
+from typing import Any, Self
 
 from msgspec import Struct, convert
 from msgspec.structs import astuple
 
 from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import Hubs
-from quadctl.cli.fleet.plan import STOP, Leg, Space, plan
+from quadctl.cli.fleet.plan import Leg, Space, plan
 from quadctl.schemas.messages import CageSize, Pose, Position
-from quadctl.schemas.params import SeparationParams, in_lockstep
+from quadctl.schemas.params import Params, SeparationParams
 from quadctl.schemas.services import GetParamsRequest, HoldRequest
 from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
 from quadctl.schemas.zones import FARTHEST, ZoneParams
+from quadctl.services.airspace.airworthiness import stopping_law
 from quadctl.services.airspace.cage import bounds, why_outside
-from quadctl.services.airspace.geometry import Piece, Point, around, distance, place_of, velocity_of
-from quadctl.services.airspace.stopping import AT_REST, LAGS
+from quadctl.services.airspace.geometry import Piece, Point, around, distance, place_of
+from quadctl.services.airspace.stopping import AT_REST, StoppingLaw
 from quadctl.services.airspace.zones import Region
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut, Unreachable
+from quadctl.services.runtime.params.names import put
 from quadctl.vehicle import Flight, goal_of, slowed
 
-_NAMES = ["safety.separation", "safety.zones"]
+_STOP = ["safety.reaction", "safety.max_acceleration", "safety.min_deceleration"]
+_NAMES = ["safety.separation", "safety.zones", *_STOP]
 _LOOK = 0.05
 """Seconds between two looks at the vehicles' distances."""
 
@@ -37,10 +40,11 @@ _STOPPING = 3.0
 
 
 class Known(Struct, frozen=True):
-    """A vehicle's pose, its goal (m) in flight, what it has to keep to, and if its clock may wait."""
+    """A vehicle's pose, its goal (m) in flight, its stop, what it has to keep to, and if its clock may wait."""
 
     pose: Pose
     flies_to: Position | None
+    law: StoppingLaw
     separation: SeparationParams
     cage: CageSize
     region: Region
@@ -76,7 +80,7 @@ def course_of(
     ends = {name: astuple(goals[name]) for name in names.values()}
     if len(everyone) == 1:
         return Course(_planned({}, ends), {}, {}, replace=replace)
-    found = hubs.ask(everyone, lambda _, client: _known(client))
+    found = hubs.ask(everyone, lambda _, client: _known(client, replace=replace))
     known = dict(found.answers)
     # A second wait for their flights would double the timeout.
     silent = {
@@ -108,17 +112,15 @@ def _bent(known: Mapping[str, Known], goals: Mapping[str, Point]) -> set[str]:
 
 def _way(one: Known, goal: Point) -> Piece:
     """Return the box of a vehicle's way, wherever it turns or stops."""
-    here, v = place_of(one.pose), velocity_of(one.pose)
-    ends = [here, goal]
+    ends = [place_of(one.pose), goal]
     if one.flies_to:
-        later = (here[0] + STOP * v[0], here[1] + STOP * v[1], here[2] + STOP * v[2])
-        ends += [later, one.place]
+        ends += [*one.law.box(one.pose), one.place]
     return Piece(*around(*ends), is_box=True)
 
 
 def _stopped(client: Client) -> Known:
     client.call(HOLD, HoldRequest())
-    return _known(client)
+    return _known(client, replace=True)
 
 
 def _keeps(known: Sequence[Known]) -> tuple[float, float]:
@@ -127,8 +129,12 @@ def _keeps(known: Sequence[Known]) -> tuple[float, float]:
     return max(2 * one.radius for one in kept), max(one.height for one in kept)
 
 
-def _known(client: Client) -> Known:
-    state = client.latest(STATE)
+def _known(client: Client, *, replace: bool) -> Known:
+    state, ends = client.latest(STATE), time.monotonic() + _STOPPING
+    # A take-off ends soon, and from rest a way is straight.
+    while state.state == "MOVING" and not replace and time.monotonic() < ends:
+        time.sleep(_LOOK)
+        state = client.latest(STATE)
     values = client.call(get_params("safety"), GetParamsRequest(_NAMES)).values
     separation = SeparationParams(
         values["safety.separation.radius"], values["safety.separation.height"]
@@ -136,12 +142,20 @@ def _known(client: Client) -> Known:
     cage = state.cage if state.cage_on else CageSize(FARTHEST, FARTHEST, FARTHEST)
     zones = convert(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
     flies_to = state.goal if state.state == "MOVING" else None
+    flown: dict[str, Any] = {}
+    for name, value in client.call(
+        get_params("dynamics"), GetParamsRequest(["dynamics"])
+    ).values.items():
+        put(flown, name, value, "dynamics")
+    dynamics = convert(flown, Params).dynamics
+    law = stopping_law(dynamics.vehicle, dynamics.control, dynamics.wind)
+    law = law.declared(*(values[name] for name in _STOP))
     pose = client.first(POSE_SLOW)
     if not flies_to:
         # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
-        pose = slowed(client, AT_REST, _STOPPING, LAGS) or client.first(POSE_SLOW)
-    flown = client.call(get_params("dynamics"), GetParamsRequest(["dynamics"])).values
-    return Known(pose, flies_to, separation, cage, Region(zones), in_lockstep(flown))
+        pose = slowed(client, AT_REST, _STOPPING, law.settling) or client.first(POSE_SLOW)
+    region, lockstep = Region(zones), dynamics.in_lockstep
+    return Known(pose, flies_to, law, separation, cage, region, lockstep)
 
 
 def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg]:
@@ -183,6 +197,7 @@ class Course:
         self._begun = [Event() for _ in legs]
         self._failed: set[str] = set()
         self.keeps = _keeps([*known.values()])
+        self._settling = {name: one.law.settling for name, one in known.items()}
         self.in_real_time = not any(one.lockstep for one in known.values())
 
     @property
@@ -216,8 +231,10 @@ class Course:
         own = [number for number, leg in enumerate(self._legs) if leg.vehicle == name]
         try:
             for number in own:
-                flight = self._begin(number, client, replace=self._replace and number == own[0])
-                follow(flight)
+                first = number == own[0]
+                if not first:  # only from rest is a way as straight as planned
+                    slowed(client, AT_REST, _STOPPING, self._settling[name])
+                follow(self._begin(number, client, replace=self._replace and first))
         except BaseException:
             self._failed.add(name)
             raise
@@ -232,6 +249,7 @@ class Course:
         flight = Flight(client, goal_of(*leg.end, replace=replace, wait=True))
         if not flight.accepted:
             raise flight.refusal()
+        flight.leave()
         self._begun[number].set()
         return flight
 

@@ -106,6 +106,14 @@ def test_three_change_places_by_one_command(home: Lab):
 
 
 @pytest.mark.thorough
+def test_three_change_places_while_they_take_off(lab: Lab):
+    lab.start("--vehicles", 3, *PATIENT)
+    done = lab.quadctl("fleet", "goto", "uav0=4,0,1", "uav1=0,0,1", "uav2=2,0,1")
+    assert done.code == 0, done.err
+    assert least(done.out) >= 1
+
+
+@pytest.mark.thorough
 def test_a_plan_with_points_between_has_to_be_followed(home: Lab):
     words = ("fleet", "goto", "uav0=1,0,1", "uav1=-1,0,1", "--no-wait")
     done = home.quadctl(*words)

@@ -1,6 +1,8 @@
 """Plan of a fleet's flights: everybody arrives, and none comes near; or it is refused, with names."""
 
 import random
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
 from itertools import combinations, pairwise
 from math import dist
 
@@ -10,7 +12,8 @@ from quadctl.cli.fleet.plan import Leg, Space, plan
 from quadctl.schemas.messages import Position
 from quadctl.services.airspace.geometry import Piece, Point, distance
 from quadctl.services.runtime.errors import Refused
-from tests.support.fleet_flights import FleetFlight, fly_plan
+from tests.support.fleet_flights import FleetFlight, fly_plan, random_plans
+from tests.support.proofs import Proofs
 
 ACROSS, TALL = 0.6, 0.9
 
@@ -138,3 +141,26 @@ def test_the_real_vehicles_fly_a_plan(seed: int):
     assert flight.nearest >= 1
     for member, end in zip(flight.members, ends, strict=True):
         assert dist(member.vehicle.position, end) < 0.01
+
+
+def test_random_plans_are_flown_or_refused_before_anybody_moves():
+    found, nearest = random_plans(range(25))
+    assert found.keys() <= {"flown", "refused"}
+    assert nearest >= 1
+
+
+@pytest.mark.prove
+@pytest.mark.alone
+@pytest.mark.timeout(7200)
+def test_10_000_random_plans_are_flown_or_refused_before_anybody_moves(proofs: Proofs):
+    with ProcessPoolExecutor() as pool:
+        shares = list(pool.map(random_plans, [range(n, n + 500) for n in range(0, 10_000, 500)]))
+    found = sum((counts for counts, _ in shares), Counter[str]())
+    nearest = min(least for _, least in shares)
+    failed = 10_000 - found["flown"] - found["refused"]
+    proofs.add(
+        "10 000 random plans of 3 to 7 vehicles in a box of 3 x 3 x 2.5 m",
+        f"{failed} fail in flight, {found['refused']} refused; least distance {nearest:.3f} of what they keep",
+        "0 fail",
+    )  # fmt: skip
+    assert (failed, nearest >= 1) == (0, True), found

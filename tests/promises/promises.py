@@ -101,14 +101,29 @@ body, gains or limits set in flight
   - flight/parameters_in_flight: no_value_set_in_flight_takes_the_vehicle_out_of_the_cage
   - flight/parameters: a_limit_set_in_flight_is_reported_as_waiting
     a_vehicle_that_would_not_fly_is_refused
-  - unit/campaign/envelope: a_parameter_set_in_flight_keeps_it_inside_or_is_refused
-    a_thousand_random_bodies_fly_inside_or_are_refused
-  = random sets of one to four
-limits, a body or a wind beyond the envelope
+  - unit/campaign/bodies: a_parameter_set_in_flight_keeps_it_inside_or_is_refused
+a body and gains anywhere near one that was flown
+  a table of ranges, a factor of 2 for a body and 1.5 for gains, outside of which they are refused, exit 6, or
+  flown without a promise if the file says so. Inside, the vehicle stays within the margin in force,
+  10 mm in still air, and its stops in the space that it reserves, out of zones and apart from others
+  - flight/parameters: a_vehicle_that_would_not_fly_is_refused
+  - supervisor/unproven: a_body_far_from_all_that_were_flown_flies_with_a_warning_if_the_file_says_so
+  - unit/campaign/bodies: a_body_that_a_search_led_out_has_no_promise
+    random_bodies_of_the_table_stay_within_the_margin_in_force
+    soft_bodies_of_the_table_stay_in_their_boxes_out_of_zones_and_apart
+    a_search_of_100_000_flights_over_the_table_stays_within_the_margin_in_force
+    searches_of_100_000_flights_of_soft_bodies_keep_what_they_reserve
+  = still air <- over the table of what may fly, still air
+  = wind <- over the table of what may fly, wind
+  = stops <- soft bodies of the table, stops
+  = zones <- soft bodies of the table, flights among zones
+  = changes <- soft bodies of the table, changes
+  = pairs <- soft bodies of the table, flights of pairs
+limits or a wind beyond the body
   limits beyond the body are flown with what it can do, at most 10 mm out of the cage in still air, and
   `param set` reports this; a body that cannot fly is refused. In a wind beyond it the vehicle stops and
   lands, and follows no goal until the wind is less
-  - unit/campaign/envelope: limits_beyond_the_body_keep_300_flights_inside
+  - unit/campaign/bodies: limits_beyond_the_body_keep_300_flights_inside
     a_body_flies_inside_or_is_refused
   - unit/dynamics/simulation: a_vehicle_that_cannot_hold_itself_lands_until_it_can
   - flight/parameters: a_wind_beyond_the_envelope_lands_the_vehicle
@@ -175,9 +190,13 @@ another vehicle on the way, or one that flies there
     a_vehicle_inside_the_space_of_one_that_stops_waits_until_it_rests
     10_000_flights_of_ten_in_a_small_box_keep_apart
   - unit/cli/fleet/plan: without_room_the_refusal_names_who_is_in_whose_way the_real_vehicles_fly_a_plan
-  - flight/separation: three_change_places_by_one_command fifty_change_places_by_one_command
+    random_plans_are_flown_or_refused_before_anybody_moves
+    10_000_random_plans_are_flown_or_refused_before_anybody_moves
+  - flight/separation: three_change_places_by_one_command
+    three_change_places_while_they_take_off fifty_change_places_by_one_command
     goals_too_near_each_other_move_nobody hold_drops_a_goal_that_waits
-  = least distance
+  = least distance <- least distance of two
+  = plans <- random plans of
 a goal that waits, and its vehicle or one ahead of it fails
   it ends with a reason and is never flown later: with the poses or a fault of its vehicle, or after 30 s in
   which nobody ahead of it moves on; nobody waits behind it

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
-from math import sqrt
+from math import dist, sqrt
 from threading import Event, Thread
 from typing import Any, Self
 
@@ -13,7 +13,7 @@ from msgspec.structs import astuple
 from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import Hubs
 from quadctl.cli.fleet.plan import Leg, Space, plan
-from quadctl.schemas.messages import CageSize, Pose, Position
+from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState
 from quadctl.schemas.params import Params, SeparationParams
 from quadctl.schemas.services import GetParamsRequest, HoldRequest
 from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
@@ -21,6 +21,7 @@ from quadctl.schemas.zones import FARTHEST, ZoneParams
 from quadctl.services.airspace.airworthiness import stopping_law
 from quadctl.services.airspace.cage import bounds, why_outside
 from quadctl.services.airspace.geometry import Piece, Point, around, distance, place_of
+from quadctl.services.airspace.routes import NEAR
 from quadctl.services.airspace.stopping import AT_REST, StoppingLaw
 from quadctl.services.airspace.zones import Region
 from quadctl.services.runtime.bus.client import Client
@@ -130,11 +131,11 @@ def _keeps(known: Sequence[Known]) -> tuple[float, float]:
 
 
 def _known(client: Client, *, replace: bool) -> Known:
-    state, ends = client.latest(STATE), time.monotonic() + _STOPPING
-    # A take-off ends soon, and from rest a way is straight.
-    while state.state == "MOVING" and not replace and time.monotonic() < ends:
+    state, pose, ends = client.latest(STATE), client.first(POSE_SLOW), time.monotonic() + _STOPPING
+    # A flight straight up, e.g. a take-off, ends soon, and from rest a way is straight.
+    while not replace and _rises(state, pose) and time.monotonic() < ends:
         time.sleep(_LOOK)
-        state = client.latest(STATE)
+        state, pose = client.latest(STATE), client.first(POSE_SLOW)
     values = client.call(get_params("safety"), GetParamsRequest(_NAMES)).values
     separation = SeparationParams(
         values["safety.separation.radius"], values["safety.separation.height"]
@@ -150,12 +151,16 @@ def _known(client: Client, *, replace: bool) -> Known:
     dynamics = convert(flown, Params).dynamics
     law = stopping_law(dynamics.vehicle, dynamics.control, dynamics.wind)
     law = law.declared(*(values[name] for name in _STOP))
-    pose = client.first(POSE_SLOW)
     if not flies_to:
         # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
         pose = slowed(client, AT_REST, _STOPPING, law.settling) or client.first(POSE_SLOW)
     region, lockstep = Region(zones), dynamics.in_lockstep
     return Known(pose, flies_to, law, separation, cage, region, lockstep)
+
+
+def _rises(state: SafetyState, pose: Pose) -> bool:
+    x, y, _ = place_of(pose)
+    return state.state == "MOVING" and dist((x, y), (state.goal.x, state.goal.y)) < NEAR
 
 
 def _planned(known: Mapping[str, Known], goals: Mapping[str, Point]) -> list[Leg]:

@@ -105,7 +105,8 @@ body, gains or limits set in flight
 a body and gains anywhere near one that was flown
   a table of ranges, a factor of 2 for a body and 1.5 for gains, outside of which they are refused, exit 6, or
   flown without a promise if the file says so. Inside, the vehicle stays within the margin in force,
-  10 mm in still air, and its stops in the space that it reserves, out of zones and apart from others
+  10 mm in still air, and its stops in the space that it reserves, out of zones and apart from others; motors
+  that a fault weakens are outside of it
   - flight/parameters: a_vehicle_that_would_not_fly_is_refused
   - supervisor/unproven: a_body_far_from_all_that_were_flown_flies_with_a_warning_if_the_file_says_so
   - unit/campaign/bodies: a_body_that_a_search_led_out_has_no_promise

@@ -20,7 +20,8 @@ from tests.support.compiled import compiled_kernel
 from tests.support.evolved import Genes, evolve_together
 
 _DRAG = ("drag", "linear_drag", "across", "along")
-_LIMITS = ("max_tilt", "max_speed", "max_acceleration", "max_jerk")
+_LIMITS = {"max_tilt": -3, "max_speed": -5, "max_acceleration": -4, "max_jerk": -7}
+"""Limits, each with the power of two of its least share: with less, flights take minutes, or are refused."""
 _CAGES = ((0.2, 0.2, 0.2), *genomes.CAGES, (20.0, 20.0, 20.0))
 _SECONDS = 14.0
 _TOGETHER = 250
@@ -64,7 +65,7 @@ def _drawn(draws: Random, soft: bool) -> Given:
         last = name.rpartition(".")[2]
         if last in _LIMITS:
             if soft or draws.random() < 0.5:
-                value = control[name] * 2 ** draws.uniform(-3, -1 if soft else 1)
+                value = control[name] * 2 ** draws.uniform(_LIMITS[last], -1 if soft else 1)
                 bounds = catalogue.leaves()[name].type
                 assert isinstance(bounds, FloatType)
                 given[name] = min(max(value, bounds.ge or 0.0), bounds.le or value)

@@ -11,7 +11,7 @@ Not covered: motors that a fault weakens.
 
 from collections.abc import Iterator
 from functools import lru_cache
-from math import cos, exp, hypot, pi, sin, sqrt, tan
+from math import cos, exp, hypot, inf, pi, sin, sqrt, tan
 from typing import Any, NamedTuple
 
 import msgspec
@@ -44,9 +44,11 @@ BODIES = (
 )  # fmt: skip
 _NEAR_BODY, _NEAR_GAINS = 2.0, 1.5
 """Factors within which a body's parameters, and its gains, are near."""
+_SOFTER = 8.0
+"""Factor by which its jerk may be less; it may be more, as what can be flown follows from the torque."""
 _DRAG = ("drag", "linear_drag", "rotor_drag")
-_LIMITS = ("max_tilt", "max_speed", "max_acceleration", "max_jerk")
-"""Parameters that are near at any value: the limits that can be flown follow from drag."""
+_LIMITS = ("max_tilt", "max_speed", "max_acceleration")
+"""Parameters that are near at any value: the limits that can be flown follow from drag and from these."""
 
 CONTROL_PERIOD = 0.004
 """Seconds between two motor commands."""
@@ -81,7 +83,7 @@ _SNAP = 0.63
 """Highest snap after a reversed jerk, in jerks per lag: 2 t/T^2 exp(-t/T), led by less than T."""
 _LEAST_SPARE, _LEAST_SPEED, _LEAST_ACCELERATION = 0.12, 0.1, 0.2
 """Least spare acceleration, m/s^2, speed, m/s, and acceleration of a setpoint, m/s^2: with less, safety
-takes a flight, or a turn, for a standstill."""
+takes a flight, or a turn, for a standstill. So it does if a vehicle takes longer than its patience to move."""
 _CLIMBS = tuple(pi / 6 * step for step in range(-3, 4))
 """Angles of motion, rad, at which the acceleration left is compared: steepest sinking to climb."""
 _HALVINGS = 12
@@ -99,11 +101,19 @@ def why_unproven(vehicle: VehicleParams, control: ControlParams) -> str:
 
 def _far(vehicle: VehicleParams, control: ControlParams, body: Body) -> list[str]:
     tables = (vehicle, body.vehicle, _NEAR_BODY), (control, body.control, _NEAR_GAINS)
-    return [
-        f"{name} {value:g} is not within {like / factor:.3g} to {like * factor:.3g}"
+    ranges = (
+        (
+            name,
+            value,
+            *((like / _SOFTER, inf) if name == "max_jerk" else (like / factor, like * factor)),
+        )
         for table, known, factor in tables
         for (name, value), (_, like) in zip(_leaves(table), _leaves(known), strict=True)
-        if not like / factor <= value <= like * factor
+    )
+    return [
+        f"{name} {value:g} is not within {low:.3g} to {high:.3g}"
+        for name, value, low, high in ranges
+        if not low <= value <= high
     ]
 
 
@@ -133,12 +143,16 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
         )
     if why := why_not_held(vehicle, control, wind):
         return why
-    speed, acceleration, *_ = flown(vehicle, control, wind)
+    speed, acceleration, _, jerk, _ = flown(vehicle, control, wind)
     if speed < _LEAST_SPEED:
         return f"against the air it flies at {speed:.2g} m/s at most, below {_LEAST_SPEED:g}"
     if acceleration < _LEAST_ACCELERATION:
         least = f"{acceleration:.2g} m/s^2 at most, below {_LEAST_ACCELERATION:g}"
         return f"it speeds up with {least}"
+    if (begins := sqrt(2 * AT_REST / jerk) + 3 * setpoint_lag(vehicle, control)) > PATIENCE:
+        return (
+            f"with a jerk of {jerk:.2g} m/s^3 it takes {begins:.2g} s to move, above {PATIENCE:g}"
+        )
     return ""
 
 
@@ -157,11 +171,14 @@ def wind_margin(vehicle: VehicleParams, control: ControlParams, wind: WindParams
     """Return how far (m) wind and gusts may move the vehicle off its place, to add to `safety.margin`.
 
     A vehicle that leaves the floor, or a wind that is set in flight, has the wind all at once: until the
-    vehicle has tilted against it, which takes it the attitude's lag, it is blown along. From the speed that it then
-    has, the loop of position and velocity stops it in v / kv, or with all that it can do in v^2 / 2a.
+    vehicle has tilted against it, which takes it the attitude's lag and more if the loop swings, it is blown along. From
+    the speed that it then has, the loop of position and velocity stops it in v / kv, or with all that it can do
+    in v^2 / 2a.
     """
     speed = hypot(wind.mean.x, wind.mean.y, wind.mean.z) + _STORM * wind.gust
-    v = _linear_drag(vehicle, 0.5 * speed) * speed / vehicle.mass / control.attitude_gain
+    push = _linear_drag(vehicle, 0.5 * speed) * speed / vehicle.mass
+    damped = min(max(damping(vehicle, control), 0.0), 1 - _CLOSE)
+    v = push / control.attitude_gain * (1 + exp(-pi * damped / sqrt(1 - damped * damped)))
     spare = max(_spare(vehicle, control, *_air(wind, _STORM))[0], _LEAST_SPARE)
     blown = v / control.velocity_gain + 0.5 * v * v / spare
     return blown + _SWAY * sway(vehicle, control, wind)

@@ -370,7 +370,8 @@ class SimulatedFlight:
     def _expect_at_goal(self) -> None:
         s, pose = self.monitor.situation, self.monitor.pose
         since = max(self.monitor.moved, self.diary.changed_at)
-        rests = s.state is State.HOVERING and self.diary.now - since > REST
+        rest = max(REST, self.monitor.envelope.stop.settling)
+        rests = s.state is State.HOVERING and self.diary.now - since > rest
         if rests and dist(s.goal, place_of(pose)) > NEAR:
             self.diary.violated("it rests away from the goal that safety publishes")
         lands = self.healthy and not s.brake and s.goal[2] <= 0.0

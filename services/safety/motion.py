@@ -182,7 +182,7 @@ def space_of(route: FlightPath, s: Situation, w: World) -> Space:
 def reserved(s: Situation, w: World) -> Space:
     """Return the space that a vehicle reserves: its place, and its way until that has been flown."""
     if stays(s, w):
-        return tuple(line(w.place, w.place if s.brake else s.goal))
+        return (Piece(w.place, w.place if s.brake else s.goal),)
     if s.brake and s.paused is None:
         return (Piece(*_stop_box(s, w), is_box=True),)
     goal = s.paused.goal if s.paused else s.goal

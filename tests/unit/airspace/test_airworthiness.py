@@ -1,5 +1,6 @@
 """Vehicles that are refused because they could not hold their place."""
 
+from math import exp, pi, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,7 @@ def test_every_body_of_the_table_and_of_the_examples_flies_with_a_promise():
         ({"mass": 0.015}, {}, "mass"),
         ({"inertia": InertiaParams(z=0.02)}, {}, "inertia.z 0.02 is not within"),
         ({}, {"rate_gain": 43.0}, "rate_gain 43 is not within 18.7 to 42"),
+        ({}, {"max_jerk": 4.9}, "max_jerk 4.9 is not within 5 to inf"),
         ({"gravity": 0.0}, {"position_gain": 1.0}, "gravity 0 is not within 4.91 to 19.6, position_gain 1"),
     ],
 )  # fmt: skip
@@ -96,6 +98,7 @@ def test_a_parameter_too_far_from_every_body_has_no_promise(vehicle, control, fa
         ({}, {}, 9.0, "against the air it flies at 0.042 m/s at most"),
         ({}, {"max_tilt": 0.02}, 0.0, "it speeds up with 0.18 m/s^2 at most, below 0.2"),
         ({}, {"attitude_gain": 30.0}, 0.0, "hardly damped"),
+        ({}, {"max_jerk": 0.13}, 0.0, "with a jerk of 0.13 m/s^3 it takes 1 s to move, above 1"),
         ({}, {"position_gain": 100.0}, 0.0, "unstable"),
         ({"mass": 4.0}, {}, 0.0, "its motors lift 8.32 m/s^2"),
         ({"max_motor_speed": 100.0}, {}, 0.0, "its motors lift"),
@@ -141,10 +144,9 @@ def test_the_wind_adds_to_the_margin_with_its_mean_and_its_gusts():
         return airworthiness.wind_margin(VehicleParams(), ControlParams(), wind)
 
     assert margin(0.0, 0.0) == 0
-    blown, spare = (
-        0.1 * 5**2 / 9.0,
-        airworthiness._spare(VehicleParams(), ControlParams(), 5.0, 0.0),
-    )
+    damped = airworthiness.damping(VehicleParams(), ControlParams())
+    blown = 0.1 * 5**2 / 9.0 * (1 + exp(-pi * damped / sqrt(1 - damped**2)))
+    spare = airworthiness._spare(VehicleParams(), ControlParams(), 5.0, 0.0)
     assert margin(5.0, 0.0) == pytest.approx(blown / 4.0 + blown**2 / (2 * spare[0]))
     assert margin(0.0, 0.5) < margin(0.0, 1.0) < margin(3.0, 1.0)
 

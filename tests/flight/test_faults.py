@@ -150,6 +150,11 @@ def test_a_frozen_process_goes_on_when_the_fault_is_cleared(lab: Lab):
     assert lab.quadctl("status", "--json").json["faults"] == ["safety-frozen"]
     assert lab.quadctl("goto", 1, 0, 1, "--timeout", 1).code == 4
     assert lab.quadctl("fault", "clear").out == "safety-frozen is out\n"
+    # A goal that is accepted before safety has seen a new pose is stopped for the silence before it.
+    with lab.bare() as bare:
+        poses, setpoints = bare.watch("uav/pose"), bare.watch("uav/input/position")
+        newest = poses.next()[0]["seq"]
+        setpoints.until(lambda s: s["for_seq"] >= newest)
     # The outcome of the goal sent during the freeze is unknown: it may have been accepted in time.
     assert lab.quadctl("goto", 1, 0, 1, "--replace").code == 0
     assert lab.nodes() == old

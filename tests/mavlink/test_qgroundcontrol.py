@@ -94,8 +94,8 @@ def test_messages_come_at_the_rates_that_are_set(station: GroundStation):
     asked = mavlink.MAVLink_command_long_message(*station.vehicle, get, 0, number, *(0,) * 6)
     assert station.ask(asked, "MESSAGE_INTERVAL").interval_us == 20_000
     fast = times(100)
-    # Poses of their own: every second one of 100 Hz.
-    assert len(set(fast)) > 0.9 * len(fast)
+    # Poses of their own, every second one of 100 Hz: of those of 20 Hz, each would come 2.5 times.
+    assert len(set(fast)) > 0.5 * len(fast)
     assert station.command(set_, number, -1) == ACCEPTED
     assert station.ask(asked, "MESSAGE_INTERVAL").interval_us == -1
     assert station.command(set_, number, 0) == ACCEPTED

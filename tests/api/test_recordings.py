@@ -39,6 +39,7 @@ def test_a_recording_is_read_into_arrays_by_key_and_field(recording):
     assert not any("scene" in key for key in flight)
 
 
+@pytest.mark.thorough
 def test_an_unambiguous_end_of_a_key_does_and_others_name_the_nearest(recording):
     flight = quadctl.read(recording)
     assert flight["pose"] is flight["uav/pose"]

@@ -25,6 +25,7 @@ def gone(processes: list[int]) -> bool:
     return not any(map(alive, processes))
 
 
+@pytest.mark.thorough
 def test_a_run_ends_with_its_block_and_leaves_nothing():
     with quadctl.launch(params=FAST) as run:
         processes = pids(run.realm)
@@ -37,6 +38,7 @@ def test_a_run_ends_with_its_block_and_leaves_nothing():
         quadctl.connect(run.realm)
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_not_used_any_more_ends():
     run = quadctl.launch(params=FAST)
     processes = pids(run.realm)
@@ -126,6 +128,7 @@ def test_a_file_and_a_nodes_command_are_found_beside_the_file(tmp_path: Path):
         assert "idle" in {process.name for process in read(Realm(run.realm)).nodes}
 
 
+@pytest.mark.thorough
 def test_the_example_of_a_safety_node_verifies_each_goal():
     example = Path(__file__).parents[2] / "examples" / "my_safety.py"
     with quadctl.launch(processes={"safety": f"python {example}"}) as run:

@@ -33,6 +33,7 @@ def test_a_goal_is_reached_and_one_outside_is_refused_with_the_reason(quad):
     assert quad.goto(6, 0, 1).distance <= 0.5
 
 
+@pytest.mark.thorough
 @pytest.mark.quad(params=CALM)
 def test_a_flight_is_followed_replaced_and_stopped(quad):
     first = quad.goto(4, 0, 1, wait=False)
@@ -81,6 +82,7 @@ def test_a_vehicle_that_does_not_settle_in_time_is_reported_with_the_cause(quad)
     assert "wind" in restless.value.hint
 
 
+@pytest.mark.thorough
 @LOCKSTEP
 def test_the_barometer_is_calibrated_and_the_vehicle_put_back(quad):
     found = quad.calibrate()

@@ -80,6 +80,7 @@ def test_control_characters_of_a_message_are_printed_escaped(shared_lab: Lab, ba
     assert "\x1b" not in echo.log
 
 
+@pytest.mark.thorough
 def test_a_timeout_error_names_the_unreadable_message(shared_lab: Lab, bare: Bare):
     lines = ["topic echo pose", "topic echo pose -n 1 --json"]
     with garbage(bare, "drone"):
@@ -94,6 +95,7 @@ def reply_with(query: zenoh.Query, payload: bytes) -> None:
         query.reply(query.key_expr, payload)
 
 
+@pytest.mark.thorough
 def test_an_invalid_third_party_reply_does_not_hide_the_state(shared_lab: Lab, bare: Bare):
     server = bare.session.declare_queryable(
         "uav/safety/state", lambda query: reply_with(query, b"junk"), complete=True

@@ -74,6 +74,7 @@ def test_each_command_over_a_slow_link_is_executed_once(far_operator: tuple[Lab,
         assert [call["request"]["x"] for call in gotos.messages] == [1.0, 1.001]
 
 
+@pytest.mark.thorough
 def test_a_call_that_arrives_after_its_deadline_is_not_executed(
     far_operator: tuple[Lab, Proxy],
 ):

@@ -80,6 +80,7 @@ def test_a_type_before_the_request_is_ignored(shared_lab: Lab, users_service: No
     assert alone.err.startswith(f"error: {KEY} failed: times, please\n")
 
 
+@pytest.mark.thorough
 def test_an_unknown_name_is_answered_with_the_nearest_live_one(
     shared_lab: Lab, users_service: None
 ):

@@ -21,6 +21,7 @@ BUSY = 0.5
 """Seconds for which a server reads nothing."""
 
 
+@pytest.mark.thorough
 def test_a_query_of_megabytes_arrives_complete_at_a_busy_server_and_is_answered():
     def echo(query: zenoh.Query) -> None:
         with query:

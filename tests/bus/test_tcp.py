@@ -9,6 +9,7 @@ from tests.support.bare import Bare
 from tests.support.lab import Lab
 
 
+@pytest.mark.thorough
 def test_loopback_tcp_flies_and_rejects_a_wrong_password(lab: Lab):
     lab.start("--set", "hub.transport=tcp")
     assert not (lab.home / "hub.sock").exists()

@@ -91,6 +91,7 @@ def test_an_idle_vehicle_publishes_pressure_at_10_hz_state_at_1_hz(hover: Bare):
     assert mean == pytest.approx(0.1, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_published_request_without_a_type_is_flown(hover: Bare):
     states, poses = hover.watch("uav/safety/state"), hover.watch("uav/pose")
     before = hover.state()["request"]

@@ -46,6 +46,7 @@ def imports() -> dict[str, list[str]]:
     return {module: [name for name in imported(module) if name in FILES] for module in FILES}
 
 
+@pytest.mark.thorough
 def test_no_import_cycle_with_lazy_and_typing_imports(imports: dict[str, list[str]]):
     assert len(imports) > 150
     assert cycle(imports) == []
@@ -68,6 +69,7 @@ def test_a_cycle_is_found():
     assert cycle({"a": ["b"], "b": ["c"], "c": ["a"]})
 
 
+@pytest.mark.thorough
 def test_no_module_imports_the_facade():
     assert [module for module in FILES if "quadctl" in imported(module)] == []
 

@@ -109,6 +109,7 @@ def test_a_foreign_host_header_is_refused(console_of_two: Console):
     assert "127.0.0.1" in said
 
 
+@pytest.mark.thorough
 def test_a_page_of_another_site_is_refused(console_of_two: Console):
     assert get(console_of_two.control, Origin="http://evil.example")[0] == 403
     address = f"ws://{urlsplit(console_of_two.watch).netloc}{SOCKET}"

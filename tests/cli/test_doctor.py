@@ -225,6 +225,7 @@ def test_doctor_finds_a_readable_realm_and_a_missing_socket(patient: Lab):
     assert "hub.sock is gone" in found.said("realm", "FAIL")
 
 
+@pytest.mark.thorough
 def test_doctor_finds_an_unwritable_realm(patient: Lab):
     done = subprocess.run(
         ["sh", "-c", 'ulimit -f 0; exec "$@"', "sh",

@@ -54,6 +54,7 @@ def test_doctor_finds_a_faulty_package(
     assert found[check]["fix"]
 
 
+@pytest.mark.thorough
 def test_doctor_finds_a_different_checkout_than_the_imported_one(lab: Lab):
     copy = lab.folder / "copy"
     shutil.copytree(ROOT / "src" / "quadctl", copy / "quadctl")
@@ -68,6 +69,7 @@ def test_doctor_finds_a_different_checkout_than_the_imported_one(lab: Lab):
     assert f"quadctl from {ROOT / 'src'}" in imports["evidence"]
 
 
+@pytest.mark.thorough
 def test_doctor_finds_a_realm_path_that_is_too_long(lab: Lab):
     deep = lab.folder / ("deep" * 25)
     deep.mkdir()

@@ -10,6 +10,7 @@ from tests.support.lab import Lab
 from tests.support.running import eventually
 
 
+@pytest.mark.thorough
 def test_no_service_accepts_five_hundred_fuzzed_payloads(shared_lab: Lab):
     done = shared_lab.quadctl("fuzz", "--payloads", 500, "--seed", 7, "--json")
     assert done.code == 0, done.out

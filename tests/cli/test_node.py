@@ -18,6 +18,7 @@ def patient() -> Iterator[Lab]:
         yield made
 
 
+@pytest.mark.thorough
 def test_node_info_shows_process_topics_and_parameters(patient: Lab):
     done = patient.quadctl("node", "info", "/state_safety_node", "--json")
     assert (done.code, done.err) == (0, "")
@@ -113,6 +114,7 @@ def test_several_nodes_are_killed_together_or_none(patient: Lab):
         patient.revived(name, before[name]["pid"])
 
 
+@pytest.mark.thorough
 def test_a_foreign_node_is_listed_but_never_signalled(patient: Lab):
     with patient.bare() as bare:
         token = bare.session.liveliness().declare_token("uav/@node/camera")
@@ -144,6 +146,7 @@ def test_the_supervisor_has_a_log_before_its_first_line(lab: Lab):
     assert lab.quadctl("node", "logs", "up") == (0, "", "")
 
 
+@pytest.mark.thorough
 def test_logs_are_followed_until_ctrl_c_or_the_end_of_the_run(lab: Lab):
     lab.start()
     all_ = lab.spawn(*lab.command("node", "logs", "-f"))
@@ -183,6 +186,7 @@ def test_node_restart_refuses_an_unknown_or_missing_name(patient: Lab, words: st
     assert patient.nodes() == before
 
 
+@pytest.mark.thorough
 def test_a_frozen_supervisor_is_reported_and_nothing_claimed_done(patient: Lab):
     supervisor, before = patient.status()["pid"], patient.nodes()["pressure"]["pid"]
     os.kill(supervisor, signal.SIGSTOP)

@@ -128,6 +128,7 @@ def test_a_file_with_one_bad_value_changes_nothing(tuned: Lab):
     assert parameters(tuned) == before
 
 
+@pytest.mark.thorough
 def test_a_file_sets_several_nodes_and_leaves_the_rest_unchanged(tuned: Lab):
     before = parameters(tuned)
     text = "[pressure]\nrate = 20\n[safety]\nvirtual_cage = { x = 4 }\n[dynamics]\nseed = 7\n"
@@ -142,6 +143,7 @@ def test_a_file_sets_several_nodes_and_leaves_the_rest_unchanged(tuned: Lab):
     assert parameters(tuned) == before | {"pressure.rate": 20.0, "safety.virtual_cage.x": 4.0}
 
 
+@pytest.mark.thorough
 def test_param_describe_shows_the_current_value(tuned: Lab):
     assert tuned.quadctl("param", "set", "/state_safety_node/takeoff", 2).code == 0
     done = tuned.quadctl(
@@ -226,6 +228,7 @@ def _stubborn(bare: Bare) -> list[Any]:
     return [*served, bare.session.liveliness().declare_token(OFFER.format("safety"))]
 
 
+@pytest.mark.thorough
 def test_param_save_through_a_link_keeps_the_link_and_the_mode(tuned: Lab):
     real: Path = tuned.file("# mine\n[safety] # all of it\ntakeoff = 9.0 # high\n", "real.toml")
     real.chmod(0o640)

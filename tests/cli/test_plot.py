@@ -37,6 +37,7 @@ def test_ctrl_c_draws_the_poses_received_so_far(shared_lab: Lab, hover: Bare):
     assert "<svg" in (shared_lab.folder / "then.svg").read_text()
 
 
+@pytest.mark.thorough
 def test_a_frozen_hub_ends_plot_by_its_timeout(lab: Lab):
     lab.start("--set", "supervise.answer_timeout=60")
     with lab.frozen("hub"):

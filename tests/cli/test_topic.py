@@ -172,6 +172,7 @@ def test_topic_info_shows_type_publishers_and_listeners(shared_lab: Lab):
     assert text.out.endswith("float64 x\nfloat64 y\nfloat64 z\n")
 
 
+@pytest.mark.thorough
 def test_topic_info_of_a_foreign_topic_and_of_an_unknown_one(shared_lab: Lab, bare: Bare):
     token = "uav/@node/eye/@pub/Image/00c0ffee/30/camera%image"
     kept = [bare.session.liveliness().declare_token(token)]
@@ -237,6 +238,7 @@ def has_lines(process: Foreground, count: int) -> bool:
     return len(process.log.splitlines()) >= count
 
 
+@pytest.mark.thorough
 def test_commands_on_a_silent_key_end_by_the_timeout(shared_lab: Lab):
     lines = {
         "topic hz no/thing": 3,
@@ -270,6 +272,7 @@ def test_messages_of_a_key_expression_show_their_key(shared_lab: Lab):
     assert "skipped a message on uav/pose: the message has no field baseline" in field.err
 
 
+@pytest.mark.thorough
 def test_echo_accepts_once_and_field_as_in_ros(shared_lab: Lab, hover: Bare):
     lines = {
         "topic echo pose --once": "boot",

@@ -59,6 +59,7 @@ def test_the_live_table_is_below_the_lines_and_gone_after_ctrl_c(lab: Lab, termi
     assert lab.is_gone()
 
 
+@pytest.mark.thorough
 def test_no_color_and_a_dumb_terminal_are_respected(lab: Lab, terminal: Open):
     up = terminal(NO_COLOR="1")
     up.until(lambda seen: "4 of 4 ready" in seen)

@@ -34,6 +34,7 @@ def real_sensor(lab: Lab) -> tuple[Lab, Device]:
     return lab, device
 
 
+@pytest.mark.thorough
 def test_the_node_publishes_the_sensors_pressure_and_zeroes_it(real_sensor: tuple[Lab, Device]):
     lab, device = real_sensor
     with lab.bare() as bare:
@@ -175,6 +176,7 @@ def test_readings_of_a_bmp280_have_its_steps_noise_and_bias(readings: Watch):
     assert 1 < abs(pascals.mean() - 101312.99) < FURTHEST
 
 
+@pytest.mark.thorough
 def test_a_calibration_reports_the_number_and_spread_of_samples(bmp280: Lab, readings: Watch):
     readings.next(26)
     done = bmp280.quadctl("calibrate", "--json").json

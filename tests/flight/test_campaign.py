@@ -119,6 +119,7 @@ def test_a_campaign_flies_the_given_parameters(lab: Lab):
     assert lab.quadctl("campaign", "--report", "none/page.html").code == 6
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_a_campaign_and_all_its_workers(lab: Lab):
     flying = lab.spawn(*lab.command("campaign", "--flights", 1000, "--processes", 2))
     # The command, the campaign's own process, and at least one worker.
@@ -319,6 +320,7 @@ def test_the_memory_does_not_grow_with_the_flights(lab: Lab, proofs: Proofs):
     assert growth < 0.02
 
 
+@pytest.mark.thorough
 def test_the_report_names_flights_excursion_and_transitions(report: dict[str, Any]):
     first, *rest = lines(report, 4.0, "quadctl campaign")
     assert first.startswith("6 flights of 4 s, worst excursion beyond the cage ")

@@ -49,6 +49,7 @@ def test_list_status_and_doctor_show_an_injected_fault(faulty: Lab, healthy: Bar
     assert faulty.quadctl("fault", "clear").out == "no fault is in\n"
 
 
+@pytest.mark.thorough
 def test_inject_names_the_fault_that_it_replaces(faulty: Lab, healthy: Bare):
     for name, told in (
         ("pose-jump", ""),
@@ -122,6 +123,7 @@ def test_an_unknown_fault_is_refused_with_the_nearest_name(
     assert said in done.err
 
 
+@pytest.mark.thorough
 def test_a_fault_that_would_stop_the_clock_is_refused_in_lock_step(lab: Lab):
     done = lab.quadctl("fault", "list")
     assert done.code == 3

@@ -89,6 +89,7 @@ def test_another_seed_gives_another_flight(flights: dict[str, dict[str, Any]]):
     assert other["transitions"] == fast["transitions"]
 
 
+@pytest.mark.thorough
 def test_earlier_commands_do_not_change_a_mission(fast: Lab):
     first = fly(fast)
     assert fast.quadctl("cage", "off").code == 0
@@ -236,6 +237,7 @@ start("own-battery", run)
 """
 
 
+@pytest.mark.thorough
 def test_a_mission_calls_a_service_of_ones_own_by_name_and_by_type(lab: Lab):
     lab.file(BATTERY, "battery.py")
     config = lab.file('[processes]\nown-battery = "python battery.py"\n')
@@ -331,6 +333,7 @@ def test_settings_fly_in_a_run_of_their_own(lab: Lab, fast: Lab):
     assert lab.is_gone()
 
 
+@pytest.mark.thorough
 def test_beside_a_run_in_real_time_a_mission_flies_in_a_run_of_its_own(lab: Lab, fast: Lab):
     start(lab, "safety.virtual_cage.x=1.2")
     with lab.bare() as bare:
@@ -352,6 +355,7 @@ def test_beside_a_run_in_real_time_a_mission_flies_in_a_run_of_its_own(lab: Lab,
     assert "dynamics.lockstep=true" in refused.err
 
 
+@pytest.mark.thorough
 def test_a_run_in_lock_step_says_so(fast: Lab):
     assert fast.status()["lockstep"]
     assert (
@@ -376,6 +380,7 @@ def test_wrong_settings_start_no_run(lab: Lab):
     assert not [*lab.runtime.glob("quadctl/*")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("victim", "code"), [("fly", 130), ("safety", 3)])
 def test_a_run_of_its_own_ends_with_its_mission(lab: Lab, victim: str, code: int):
     lab.file(f"{LONG}\n[set]\ndynamics.speed = 10\n", "long.toml")

@@ -92,6 +92,7 @@ def test_the_labs_four_checkpoints_are_flown_through_it(client: FoxgloveClient, 
     assert run.vehicle.state().reason in refused["reason"]
 
 
+@pytest.mark.thorough
 def test_topics_services_and_their_schemas_are_those_of_a_recording(client: FoxgloveClient):
     for topic in TOPICS:
         channel = client.channels[topic.key("uav")]
@@ -193,6 +194,7 @@ def test_parameters_are_read_and_set_with_their_types(client: FoxgloveClient, ru
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("options", "token"), [((), TOKEN), (("--control",), "")])
 def test_without_control_or_token_nothing_can_be_changed(options: tuple[str, ...], token: str):
     port = free_port()
@@ -273,6 +275,7 @@ def test_the_connection_graph_names_the_nodes(client: FoxgloveClient):
     assert providers["uav/goto"] == ["uav/safety"]
 
 
+@pytest.mark.thorough
 def test_garbage_by_the_thousand_changes_nothing(port: int, run: quadctl.Run):
     run.vehicle.settle()  # a hold of an earlier test moves its goal until the vehicle rests
     before, noise = run.vehicle.state(), random.Random(7)
@@ -481,6 +484,7 @@ def test_the_layout_shows_what_the_bridge_offers(client: FoxgloveClient):
             assert set(panel["topics"]) <= set(client.channels)
 
 
+@pytest.mark.thorough
 def test_up_supervises_a_bridge_with_the_options_of_its_file(tmp_path: Path):
     realm, port = f"foxglove-{os.getpid()}", free_port()
     words = f"{sys.executable} -P -m quadctl.services.foxglove --port {port}"

@@ -2,10 +2,13 @@
 
 import socket
 
+import pytest
+
 from tests.support import bridges
 from tests.support.lab import Lab
 
 
+@pytest.mark.thorough
 def test_a_wrong_or_taken_port_is_refused_before_the_bridge_starts(lab: Lab):
     lab.start()
     with socket.socket() as other:

@@ -35,6 +35,7 @@ def port(run: quadctl.Run) -> Iterator[int]:
         yield port
 
 
+@pytest.mark.thorough
 def test_a_goal_does_not_overtake_a_call_before_it(port: int, run: quadctl.Run):
     with FoxgloveClient(port) as client:
         publish = client.publish("/goto")
@@ -50,6 +51,7 @@ def goes_to(run: quadctl.Run, x: float) -> bool:
     return run.vehicle.state().goal.x == x
 
 
+@pytest.mark.thorough
 def test_reads_that_wait_for_a_silent_node_hold_up_no_call(lab: Lab):
     lab.start()
     port = free_port()
@@ -95,6 +97,7 @@ def test_a_state_of_a_users_own_does_not_move_the_ground(port: int, run: quadctl
         assert run.vehicle.state().goal.z < 2
 
 
+@pytest.mark.thorough
 def test_other_machines_need_a_certificate_however_the_bridge_is_started(lab: Lab):
     lab.start()
     command = [sys.executable, "-P", "-m", "quadctl.services.foxglove", "--host", "0.0.0.0"]

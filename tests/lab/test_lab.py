@@ -150,6 +150,7 @@ def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
     assert "FOUND []" in outputs[HIDDEN]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("words", "code", "error"),
     [

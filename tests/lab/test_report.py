@@ -62,6 +62,7 @@ def test_a_class_has_a_report_of_each_student_and_a_row_is_graded_anew(lab: Lab)
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("words", "code", "error"),
     [

@@ -139,6 +139,7 @@ print(probe())
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("ip", "mounts")
 def test_a_machine_that_forbids_namespaces_is_found_out(lab: Lab):
     """As root in a container: in a chroot nobody gets a new user, and without this right no other one."""
@@ -351,6 +352,7 @@ ARRIVES = (
 )
 
 
+@pytest.mark.thorough
 def test_without_namespaces_grading_asks_for_trust(lab: Lab):
     good = write("completed", lab.folder)
     rubric = lab.file(ARRIVES, "rubric.toml")

@@ -50,6 +50,7 @@ def test_the_labs_four_checkpoints_are_flown_through_it(flying: Rig):
     assert "outside the cage: x = 9 is beyond [-5, 5]" in refused.stderr
 
 
+@pytest.mark.thorough
 def test_the_autopilot_has_the_fence(flying: Rig):
     zones = flying.theirs.vehicle.params["safety.zones"]
     assert [zone["kind"] for zone in zones] == ["inclusion"]

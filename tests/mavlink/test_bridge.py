@@ -193,6 +193,7 @@ def test_a_fence_is_our_zones(flying: GroundStation, run: quadctl.Run):
     assert run.vehicle.params["safety.zones"] == []
 
 
+@pytest.mark.thorough
 def test_a_fence_that_is_no_zone_is_refused(station: GroundStation, run: quadctl.Run):
     back = mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT
     since = len(station.messages)
@@ -284,6 +285,7 @@ def test_only_signed_packets_are_taken_with_a_key(tmp_path: Path):
         assert run.vehicle.state().request == before
 
 
+@pytest.mark.thorough
 def test_a_station_may_come_and_go():
     with quadctl.launch() as run, ExitStack() as stack:
         with GroundStation() as first:

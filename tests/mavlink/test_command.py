@@ -11,6 +11,7 @@ from tests.support.lab import Lab
 from tests.support.running import eventually
 
 
+@pytest.mark.thorough
 def test_wrong_options_are_refused_before_the_bridge_starts(lab: Lab):
     lab.start()
     lab.file("", "empty.key")
@@ -32,6 +33,7 @@ def test_wrong_options_are_refused_before_the_bridge_starts(lab: Lab):
         assert done.err.startswith(f"error: {what}"), done.err
 
 
+@pytest.mark.thorough
 def test_its_address_is_printed(lab: Lab):
     lab.start()
     process = lab.spawn(
@@ -52,6 +54,7 @@ def test_without_the_extra_the_command_says_what_to_install():
     assert "pip install 'quadctl[mavlink]'" in found.stderr
 
 
+@pytest.mark.thorough
 def test_wrong_options_of_an_autopilot_are_refused(lab: Lab):
     origin = "--origin 47 8 400"
     for words, code, what in (

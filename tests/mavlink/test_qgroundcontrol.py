@@ -136,6 +136,7 @@ def test_qgroundcontrols_search_for_files_ends_at_once(station: GroundStation):
     assert answer.target_system == 255
 
 
+@pytest.mark.thorough
 def test_qgroundcontrol_gets_plans_of_all_kinds(station: GroundStation):
     for kind in (MISSION, FENCE, mavlink.MAV_MISSION_TYPE_RALLY):
         assert station.upload(kind, []) == mavlink.MAV_MISSION_ACCEPTED

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
+import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -35,6 +36,7 @@ def imported() -> Iterator[str]:
                     yield node.module or ""
 
 
+@pytest.mark.thorough
 def test_declared_packages_are_exactly_the_imported_ones():
     modules = {name.partition(".")[0] for name in imported()}
     foreign = modules - {"quadctl"} - sys.stdlib_module_names

@@ -53,6 +53,7 @@ def commands() -> dict[str, tuple[list[str], int]]:
     }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["image", "unit"])
 def test_the_command_flies_answers_the_health_check_and_ends_cleanly(lab: Lab, name: str):
     (program, *words), number = commands()[name]
@@ -68,12 +69,14 @@ def test_the_command_flies_answers_the_health_check_and_ends_cleanly(lab: Lab, n
     assert lab.quadctl(*check).code == 3
 
 
+@pytest.mark.thorough
 def test_the_unit_restarts_no_wrong_command_line_or_parameter(lab: Lab):
     prevented = [int(code) for code in unit()["RestartPreventExitStatus"].split()]
     assert lab.quadctl("up", "--nothing").code in prevented
     assert lab.quadctl("up", "--set", "safety.takeof=1").code in prevented
 
 
+@pytest.mark.thorough
 def test_the_image_has_all_files_of_the_package_and_no_other(tmp_path: Path):
     source = tmp_path / "src"
     for name in given():

@@ -126,6 +126,7 @@ def checkout(tmp_path: Path) -> Checkout:
     return Checkout(tmp_path / "checkout", tmp_path / "machine")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("customised", "told"),
     [
@@ -143,6 +144,7 @@ def test_a_python_that_does_not_fit_is_told_in_one_line(checkout, customised, to
     assert checkout.content() == before
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("ip", "mounts")
 @pytest.mark.parametrize(
     ("machine", "told"),
@@ -179,6 +181,7 @@ def test_any_path_will_do(tmp_path):
     assert "flown" in checkout.make("demo")
 
 
+@pytest.mark.thorough
 def test_developers_extend_the_environment_of_users(checkout):
     checkout.python()
     assert "Setting up" in checkout.make("demo")
@@ -188,6 +191,7 @@ def test_developers_extend_the_environment_of_users(checkout):
     assert "Setting up" not in checkout.make("demo") + checkout.make(".venv/.ready")
 
 
+@pytest.mark.thorough
 def test_what_fails_leaves_the_environment_as_it_was(checkout):
     checkout.python()
     checkout.make("demo")
@@ -201,6 +205,7 @@ def test_what_fails_leaves_the_environment_as_it_was(checkout):
     assert subprocess.check_output(checkout.venv / "bin" / "quadctl", text=True) == "flown\n"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cut", ["Ctrl-C", "SIGTERM", "SIGKILL"])
 def test_a_set_up_cut_off_half_way_is_not_taken_for_ready(checkout, cut):
     checkout.python()

@@ -23,12 +23,8 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ELSEWHERE = {
     "many-machines.md": "needs three machines: tests/security/test_many_machines.py runs it",
 }
-EVERYDAY = {
-    "README.md",
-    "docs/reference/ros.md",
-    "docs/troubleshooting.md",
-}
-"""Pages whose blocks `make test` runs; the others are for `make test-all`."""
+EVERYDAY = "README.md"
+"""Page whose blocks `make test` runs; the others are for `make test-all`."""
 LEFT_OUT = {
     "make demo": "installs from the network",
     "make test": "is this run of the tests",
@@ -106,7 +102,7 @@ def take(lab: Lab, block: Block) -> None:
 
 def parameter(page: Path) -> ParameterSet:
     name = page.relative_to(ROOT).as_posix()
-    marks = [] if name in EVERYDAY else [pytest.mark.thorough]
+    marks = [] if name == EVERYDAY else [pytest.mark.thorough]
     if any(b.language == "console" and NEEDS_SANDBOX in b.text for b in blocks(page)):
         marks.append(pytest.mark.needs("sandbox"))
     return pytest.param(page, id=name, marks=marks)

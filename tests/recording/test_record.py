@@ -117,6 +117,7 @@ def boots(file: Path) -> set[str]:
     return {m.value["boot"] for m in Bag(file).messages() if m.key == "uav/pose"}
 
 
+@pytest.mark.thorough
 def test_a_recording_keeps_to_the_given_keys_and_duration(module_lab: Lab):
     words = ("pose", "uav/**", "-o", "b.mcap", "--duration", 0.5, "--json")
     done = module_lab.quadctl("record", *words)
@@ -154,6 +155,7 @@ def test_ten_thousand_messages_a_second_are_all_recorded(module_lab: Lab):
     assert numbers == list(range(BURST))
 
 
+@pytest.mark.thorough
 def test_a_recording_cut_by_sigkill_can_be_repaired(module_lab: Lab):
     file = module_lab.folder / "killed.mcap"
     run = recording(module_lab, "-o", file)
@@ -216,6 +218,7 @@ def test_a_full_disk_stops_the_recording_and_never_the_flight(module_lab: Lab):
     assert module_lab.quadctl("goto", 0, 0, 1, "--no-wait", "--replace").code == 0
 
 
+@pytest.mark.thorough
 def test_a_frozen_hub_ends_record_by_its_timeout(module_lab: Lab):
     with module_lab.frozen("hub"):
         done = module_lab.quadctl("record", "-o", "never.mcap", "--timeout", 0.4, "--json")

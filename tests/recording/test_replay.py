@@ -46,6 +46,7 @@ def test_a_replay_publishes_the_same_messages_to_the_byte(hub_only: Lab):
     ]
 
 
+@pytest.mark.thorough
 def test_a_replay_starts_at_from_and_keeps_the_speed(hub_only: Lab):
     began = time.monotonic()
     words = ("--from", 1.0, "--speed", 2, "--json")
@@ -74,6 +75,7 @@ def test_commands_see_the_recorded_system_during_a_replay(hub_only: Lab):
     assert hub_only.quadctl("topic", "list", "--json").json == []
 
 
+@pytest.mark.thorough
 def test_a_replay_reports_a_hub_that_dies(hub_only: Lab):
     run = hub_only.spawn(
         *hub_only.command("replay", "flight.mcap", "--speed", 0.02, "--timeout", 1)
@@ -129,6 +131,7 @@ def test_recorded_poses_can_be_replayed_to_a_live_node(hub_only: Lab):
             eventually(lambda: bare.state()["boot"] == "b0")
 
 
+@pytest.mark.thorough
 def test_an_impossible_replay_is_refused_with_the_reason(hub_only: Lab):
     hub_only.file("no recording", "text.mcap")
     for words, code, text in (

@@ -97,6 +97,7 @@ def test_a_goal_of_another_frame_is_ignored(ros: RosClient, run: quadctl.Run):
     assert run.vehicle.state().request == before
 
 
+@pytest.mark.thorough
 def test_messages_have_units_and_frames_of_ros(ros: RosClient):
     odometry = ros.wait("odom")
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("map", "uav/base_link")
@@ -107,6 +108,7 @@ def test_messages_have_units_and_frames_of_ros(ros: RosClient):
     assert {abs(point.x) for point in cage.points} == {5.0}
 
 
+@pytest.mark.thorough
 def test_the_clients_command_lists_what_the_bridge_offers(ros: RosClient, network: str):
     def listed(noun: str) -> str:
         address = network.removeprefix("tcp/")
@@ -172,6 +174,7 @@ def test_the_flight_is_the_same_whatever_happens_to_the_bridge(network: str):
     assert flown == dict.fromkeys(flown, alone)
 
 
+@pytest.mark.thorough
 def test_the_router_and_the_hub_may_go_and_come_back(lab: Lab):
     lab.start()
     port = free_port()
@@ -188,6 +191,7 @@ def test_the_router_and_the_hub_may_go_and_come_back(lab: Lab):
                 assert call(session, "8/uav/hold", TRIGGER, TriggerRequest()).success
 
 
+@pytest.mark.thorough
 def test_a_wrong_domain_or_router_is_refused_before_the_bridge_starts(lab: Lab):
     lab.start()
     for words, domain, what in (
@@ -240,6 +244,7 @@ def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(
     assert run.vehicle.goto(0, 0, 1, replace=True).distance < 0.5
 
 
+@pytest.mark.thorough
 def test_several_vehicles_have_namespaces_and_one_clock_where_time_is_simulated(network: str):
     with (
         quadctl.launch(vehicles=2, params={"dynamics.speed": 2.0}) as run,

@@ -103,7 +103,7 @@ def besiege(lab: Lab, count: int, new: float, calls: int) -> tuple[list[float], 
 
 
 def test_half_open_connections_keep_nobody_out(field: Lab):
-    besiege(field, count=400, new=50, calls=20)
+    besiege(field, count=400, new=50, calls=10)
     assert "connections were sent away" in field.log("gate")
 
 

@@ -51,6 +51,7 @@ def both(lab: Lab) -> Iterator[tuple[Bare, Bare]]:
         run.end()
 
 
+@pytest.mark.thorough
 def test_a_guarded_node_does_what_its_name_stands_for(both: tuple[Bare, Bare], lab: Lab):
     ours, its = both
     flown = ours.fly(1.0, 0.0, 1.0)  # by a safety that is guarded
@@ -83,6 +84,7 @@ def test_a_guarded_node_does_what_its_name_stands_for(both: tuple[Bare, Bare], l
     answers.undeclare()
 
 
+@pytest.mark.thorough
 def test_its_folder_is_that_of_its_command_alone(both: tuple[Bare, Bare], lab: Lab):
     folders = {
         name: str(Path(f"/proc/{node['pid']}/cwd").readlink()) for name, node in lab.nodes().items()
@@ -90,6 +92,7 @@ def test_its_folder_is_that_of_its_command_alone(both: tuple[Bare, Bare], lab: L
     assert folders == dict.fromkeys(folders, "/") | {"safety": str(lab.folder)}
 
 
+@pytest.mark.thorough
 def test_without_its_password_nobody_is_let_in(both: tuple[Bare, Bare], lab: Lab):
     endpoint = f"unixsock-stream/{lab.home / 'hub.sock'}"
     for user, password in (("", ""), ("safety", "guess"), ("dynamics", "")):

@@ -34,6 +34,7 @@ def test_checkpoints_pass_across_machines_with_encrypted_traffic(net: Field, tmp
     assert [word for word in OURS if word in carried] == []
 
 
+@pytest.mark.thorough
 def test_a_capture_finds_the_words_on_a_plain_link(net: Field, tmp_path: Path):
     plain = ["hub", "-d", "--realm", "plain", "--listen", PLAIN]
     refused = net.router.quadctl(*plain)
@@ -56,6 +57,7 @@ def test_commands_work_over_quic(net: Field):
     assert net.ask("hold", at=QUIC).code == 0
 
 
+@pytest.mark.thorough
 def test_only_the_router_has_listening_sockets(net: Field):
     vehicle, router, operator = net.machines
     assert vehicle.sockets() == operator.sockets() == []

@@ -3,6 +3,8 @@
 import signal
 import sys
 
+import pytest
+
 from tests.support.lab import Lab
 
 # fmt: off
@@ -63,6 +65,7 @@ def test_a_foreground_run_reports_a_faulty_file_as_text(lab: Lab):
     assert hint == "  try: did you mean safety.acceptance_range?"
 
 
+@pytest.mark.thorough
 def test_a_faulty_argument_starts_nothing(lab: Lab):
     words = {
         "missing.toml": "missing.toml",

@@ -106,6 +106,7 @@ def test_a_node_started_a_second_time_exits_7(shared_lab: Lab):
     assert shared_lab.status() == before
 
 
+@pytest.mark.thorough
 def test_a_node_left_out_of_a_run_can_be_started_separately(lab: Lab):
     lab.start("--without", "pressure")
     command = (sys.executable, "-P", "-m", "quadctl.services.pressure", "--realm", lab.realm)

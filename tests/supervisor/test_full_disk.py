@@ -80,6 +80,7 @@ def test_a_deleted_run_folder_is_created_again_and_no_node_is_lost(piped_run: Pi
     assert "Traceback" not in piped_run.run.log
 
 
+@pytest.mark.thorough
 def test_a_run_that_lost_its_realm_ends_and_spares_the_new_holder(lab: Lab):
     first = lab.foreground()
     first.send(signal.SIGSTOP)

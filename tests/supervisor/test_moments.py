@@ -131,6 +131,7 @@ THREAD = "import threading\nthreading.Thread(target=threading.Event().wait, daem
 """Another thread, like those of Zenoh: it takes the signal that the first one delays."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("before", "code"), [("", 130), (THREAD, -signal.SIGINT)], ids=["alone", "beside a thread"]
 )

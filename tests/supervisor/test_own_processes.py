@@ -40,6 +40,7 @@ def cmdline(pid: int) -> bytes:
         return b""
 
 
+@pytest.mark.thorough
 def test_an_own_safety_node_runs_beside_a_helper_that_keeps_dying(
     lab: Lab,
 ):

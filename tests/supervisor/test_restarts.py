@@ -76,6 +76,7 @@ def test_a_node_killed_in_flight_restarts_and_the_goal_is_flown(
         assert abs(zeroed["pressure"]) < 0.02
 
 
+@pytest.mark.thorough
 def test_a_waiting_goto_names_the_restart_of_safety_as_the_reason(wide_cage: Lab, flight: Bare):
     old = wide_cage.nodes()["safety"]["pid"]
     waiting = wide_cage.spawn(*wide_cage.command("goto", -7, 0, 1, "--replace"))
@@ -106,6 +107,7 @@ def test_a_node_that_freezes_when_ready_is_killed_and_restarted(wide_cage: Lab):
     wide_cage.revived("pressure", wide_cage.signal("pressure", signal.SIGSTOP))
 
 
+@pytest.mark.thorough
 def test_a_node_that_always_dies_fails_the_start_with_its_output(lab: Lab):
     lab.file(
         '[processes]\nsafety = "python -c \'raise SystemExit(\\"no wings\\")\'"\n', "quad.toml"

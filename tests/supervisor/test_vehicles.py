@@ -124,6 +124,7 @@ def position_of(lab: Lab, vehicle: str) -> tuple[float, float]:
     return round(at["x"], 1), round(at["y"], 1)
 
 
+@pytest.mark.thorough
 def test_four_processes_fly_all_vehicles(three_vehicles: Lab):
     status = three_vehicles.quadctl("status", "--json").json
     assert status["vehicles"] == VEHICLES
@@ -182,6 +183,7 @@ def test_a_full_key_selects_its_vehicle(at_start: Lab):
     assert everybody.code == 0, everybody.err
 
 
+@pytest.mark.thorough
 def test_a_parameters_name_may_begin_with_its_vehicle(at_start: Lab):
     done = at_start.quadctl("param", "set", "uav1.safety.acceptance_range", 0.4)
     assert (done.code, done.out) == (0, "safety.acceptance_range: 0.4\n")

@@ -96,6 +96,7 @@ def test_enabling_or_shrinking_the_cage_raises_no_alarm():
     assert sum(each.stops.get("stopped, the path led out of the cage", 0) for each in flights) == 0
 
 
+@pytest.mark.thorough
 def test_a_flight_does_not_depend_on_the_rest_of_its_batch(flown: list[Flown]):
     assert batch([SEEDS[3]], 20.0).fly() == [flown[3]]
 

@@ -26,6 +26,7 @@ def test_flights_come_back_as_they_were_and_in_order(tmp_path: Path):
         assert list(again.flights(range(1, 3))) == flown[1:3]
 
 
+@pytest.mark.thorough
 @settings(max_examples=50)
 @given(st.sets(st.integers(0, 12)), st.integers(1, 5))
 def test_the_missing_seeds_are_those_without_a_flight(stored: set[int], longest: int):

@@ -76,6 +76,7 @@ def test_a_refused_change_has_no_effect(name: str, value: float):
     assert path(Param(1.5, name, value))[0] == path()[0]
 
 
+@pytest.mark.thorough
 def test_a_changed_cage_or_range_is_the_same_as_by_its_own_row():
     size = SafetyParams().virtual_cage
     for change, same in (

@@ -16,6 +16,8 @@ from quadctl.services.campaign.report import write
 from quadctl.services.campaign.track import FlightTrack
 from quadctl.services.runtime.errors import Invalid
 
+pytestmark = pytest.mark.thorough
+
 OUTSIDE = "MOVING to a <goal> outside"
 TABLE = "CREATE TABLE flights(seed INTEGER PRIMARY KEY, worst_excursion, at, wind, faults, guards, violations)"
 CONDITIONS = {"seconds": 10.0, "faults": True, "wind": 0.0, "given": {"safety.margin": 0.5}}
@@ -94,7 +96,6 @@ class Reader(HTMLParser):
             self.texts.append(data.strip().replace("\u202f", " "))
 
 
-@pytest.mark.thorough
 def test_the_page_is_well_formed_and_loads_nothing(page: str):
     reader = Reader(page)
     assert reader.open == []

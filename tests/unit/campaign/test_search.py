@@ -44,6 +44,7 @@ CONDITIONS = st.sampled_from(
 )
 
 
+@pytest.mark.thorough
 @settings(max_examples=200, deadline=None)
 @given(NUMBERS, SURROUNDINGS, CONDITIONS)
 def test_every_genome_is_a_mission_in_its_cage_and_a_valid_file(genome, around, conditions):
@@ -103,6 +104,7 @@ def test_a_search_finds_worse_flights_than_random_ones():
     assert evolved._worst[1] > -1.01 - 0.5 * (-1.01 - first[1])
 
 
+@pytest.mark.thorough
 def test_the_order_of_flights_has_no_effect():
     assert searched(3, shuffled=True).document() == searched(3).document()
 

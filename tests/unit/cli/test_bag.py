@@ -83,6 +83,7 @@ def test_each_key_is_exported_as_a_table_without_rounding(quadctl: Quadctl, bag:
     assert quadctl("bag", "export", "f.mcap", "--csv", "-o", "other").code == 0
 
 
+@pytest.mark.thorough
 def test_a_flight_is_drawn(quadctl: Quadctl, tmp_path: Path):
     result = quadctl("plot", FLOWN, "-o", "flight.svg", "--json")
     assert result.code == 0

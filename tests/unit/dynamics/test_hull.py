@@ -68,6 +68,7 @@ def rated(value: Any) -> Rated:
     return value if isinstance(value, Rated) else Rated(Fraction(value))
 
 
+@pytest.mark.thorough
 def test_the_setpoint_is_the_path_after_three_equal_lags():
     """Then it is a weighted mean of the path so far, and stays in any interval that has the path.
 

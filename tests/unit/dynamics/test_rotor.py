@@ -47,11 +47,13 @@ def wrench(motors: Motors) -> tuple[float, float, float, float]:
     )
 
 
+@pytest.mark.thorough
 @given(st.floats(15, 22), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.15, 0.15))
 def test_a_feasible_wrench_is_produced_exactly(thrust, tx, ty, tz):
     assert wrench(steady(thrust, tx, ty, tz)) == pytest.approx((thrust, tx, ty, tz), abs=1e-9)
 
 
+@pytest.mark.thorough
 @given(st.floats(-50, 100), st.floats(-2, 2), st.floats(-2, 2), st.floats(-2, 2))
 def test_roll_and_pitch_have_priority_over_thrust_and_yaw(thrust, tx, ty, tz):
     _, roll, pitch, yaw = wrench(steady(thrust, tx, ty, tz))

@@ -160,6 +160,7 @@ def test_an_axis_arrives_smoothly_within_its_limits(limits, speed, part, goal):
         before = now
 
 
+@pytest.mark.thorough
 @given(LIMITS, UNIT, UNIT, GOALS)
 @example((3.0, 14.0, 8.0), -0.09375, 0.171875, -0.015625)
 def test_an_axis_does_not_overshoot_a_reachable_goal(limits, speed, part, goal):
@@ -211,6 +212,7 @@ def off_line(point: tuple[float, ...], start: tuple[float, ...], goal: tuple[flo
     return dist(from_start, [t * w for w in way])
 
 
+@pytest.mark.thorough
 @settings(max_examples=30)
 @given(POINT, POINT)
 def test_from_rest_the_path_is_straight_and_within_limits(start, goal):
@@ -279,6 +281,7 @@ def test_moved_goals_are_not_overshot_beyond_the_farthest(legs):
             assert low - 10 * MICROMETRE <= value <= high + 10 * MICROMETRE
 
 
+@pytest.mark.thorough
 @settings(max_examples=30)
 @given(POINT, POINT, st.floats(0.1, 2))
 @example((1.0, 0.5, 1.0), (0.0, 10.0, 1.0), 1.5)

@@ -168,6 +168,7 @@ def test_repeated_commands_change_nothing():
     assert once.goal == (9.0, -4.0, 12.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_goals_keep_the_vehicle_upright_and_within_limits(seed):
     random, vehicle = Random(seed), at(z=20.0)
@@ -184,6 +185,7 @@ def test_random_goals_keep_the_vehicle_upright_and_within_limits(seed):
     assert dist(vehicle.position, (0.0, 0.0, 20.0)) < 1e-3
 
 
+@pytest.mark.thorough
 def test_the_vehicle_follows_a_goal_on_a_circle():
     vehicle = at(5.0, 0.0, 10.0)
     for k in range(100):

@@ -203,6 +203,7 @@ commands = st.sampled_from(
 numbers = st.floats(width=32) | st.sampled_from([0.0, 1.0, 4.0, 7.0, 300.0, 100_000.0, 1e-3])
 
 
+@pytest.mark.thorough
 @given(commands, st.tuples(*[numbers] * 7))
 def test_every_command_has_one_answer_whatever_its_parameters(command: int, params: Any):
     rig = _shared_rig()

@@ -108,6 +108,7 @@ def plain(value):
     return value
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("type_", "name"), PAIRS, ids=NAMES)
 def test_rosbags_reads_what_we_write_and_we_read_what_it_writes(type_, name):
     @settings(max_examples=40)

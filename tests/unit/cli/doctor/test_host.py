@@ -57,6 +57,7 @@ def test_the_disk_check_writes_and_leaves_no_file(tmp_path: Path):
     assert (found.refused, list(tmp_path.iterdir())) == ("", [])
 
 
+@pytest.mark.thorough
 def test_without_a_run_the_installation_passes_and_the_run_warns(quadctl: Quadctl):
     result = quadctl("doctor", "--json")
     assert (result.code, result.err) == (0, "")
@@ -69,6 +70,7 @@ def test_without_a_run_the_installation_passes_and_the_run_warns(quadctl: Quadct
     assert "hub answers" not in checks
 
 
+@pytest.mark.thorough
 def test_the_text_has_a_line_per_check_with_its_fix_below(quadctl: Quadctl, tmp_path: Path):
     (tmp_path / "quad.toml").write_text("[safety]\ntakeof = 1\n", encoding="utf-8")
     result = quadctl("doctor", "--realm", "mine")
@@ -81,6 +83,7 @@ def test_the_text_has_a_line_per_check_with_its_fix_below(quadctl: Quadctl, tmp_
     ) in result.out
 
 
+@pytest.mark.thorough
 def test_a_local_folder_that_shadows_the_package_is_found(quadctl: Quadctl, tmp_path: Path):
     (tmp_path / "quadctl").mkdir()
     assert "PASS  imports" in quadctl("doctor").out
@@ -90,6 +93,7 @@ def test_a_local_folder_that_shadows_the_package_is_found(quadctl: Quadctl, tmp_
     assert f"in this folder import quadctl from {tmp_path}" in result.out
 
 
+@pytest.mark.thorough
 def test_a_missing_remote_hub_fails(quadctl: Quadctl):
     result = quadctl("doctor", "--connect", "tcp/127.0.0.1:1", "--timeout", "0.5", "--json")
     checks = {check["name"]: check["verdict"] for check in result.json["checks"]}

@@ -58,6 +58,7 @@ def test_phases_are_recorded_only_when_they_change():
     assert [p.cage_on for p in gathered(*messages).tracks["uav"].phases] == [True, False]
 
 
+@pytest.mark.thorough
 def test_two_vehicles_are_drawn_with_and_without_pressure_and_cage(tmp_path: Path):
     messages: list[Any] = [
         (f"uav{n}/pose", pose(seq, x=0.1 * n)) for n in (0, 1) for seq in range(5)

@@ -11,6 +11,7 @@ from quadctl.services.dynamics.vehicle import Vehicle, constants_of
 from tests.unit.dynamics.compiled.test_fleet import vehicles
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "number", [0, *(pytest.param(number, marks=pytest.mark.thorough) for number in (1, 2))]
 )

@@ -74,6 +74,7 @@ def test_compiled_code_flies_as_plain_python_to_the_bit(compiled: Make, seed: in
     fly_alike(compiled, 6, 10_000, seed)
 
 
+@pytest.mark.thorough
 def test_more_vehicles_than_one_vector_fly_correctly(compiled: Make):
     count = 2 * WIDTH + 3
     params = [DynamicsParams(start=StartParams(0.01 * i, 0.0, 1.0)) for i in range(count)]

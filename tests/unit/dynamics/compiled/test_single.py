@@ -66,6 +66,7 @@ def test_each_vehicle_has_its_own_state(code: Code):
     assert everything(both[0]) == everything(alone) != everything(both[1])
 
 
+@pytest.mark.thorough
 def test_code_damaged_or_for_another_processor_is_not_loaded(
     code: Code, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

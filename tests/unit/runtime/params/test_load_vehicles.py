@@ -28,6 +28,7 @@ def test_names_count_from_zero():
             load.names("uav", count)
 
 
+@pytest.mark.thorough
 @given(st.integers(1, 60))
 def test_vehicles_start_two_metres_apart_around_the_start(count: int):
     starts = [

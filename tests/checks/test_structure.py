@@ -74,6 +74,7 @@ def test_no_module_imports_the_facade():
     assert [module for module in FILES if "quadctl" in imported(module)] == []
 
 
+@pytest.mark.thorough
 def test_two_public_classes_never_share_a_name():
     homes = defaultdict(list)
     for module, file in FILES.items():

@@ -51,6 +51,7 @@ def get(url: str, **headers: str) -> tuple[int, str, http.client.HTTPMessage]:
         return answer.status, answer.read().decode(), answer.headers
 
 
+@pytest.mark.thorough
 def test_console_without_a_run_exits_3(lab: Lab):
     done = lab.quadctl("console", "--port", "0", "--json")
     assert (done.code, done.out) == (3, "")

@@ -102,6 +102,7 @@ def test_param_set_cannot_turn_the_cage_on_or_off(tuned: Lab, session: Bare):
     assert "Change:   at launch" in tuned.quadctl("param", "describe", "safety.cage_on").out
 
 
+@pytest.mark.thorough
 def test_a_table_may_be_written_as_toml_json_or_ros_yaml(tuned: Lab, session: Bare):
     for number, text in enumerate(("{ x = %s }", "{x: %s, y: 4}", '{"x": %s.0, "y": 4.0}'), 2):
         cage = text % number

@@ -56,7 +56,7 @@ def fly_through_jumps(lab: Lab, jump: Callable[[int], None]) -> int:
     """Fly to and fro, setting the clock in each flight; return the number of flights."""
     with lab.bare() as bare:
         poses, states = bare.watch("uav/pose"), bare.watch("uav/safety/state")
-        legs = ((4.0, HOUR), (-4.0, -HOUR), (4.0, 0))
+        legs = ((3.0, HOUR), (-1.0, -HOUR), (3.0, 0))
         for x, ahead in legs:
             goal = {"x": x, "y": 0.0, "z": 1.0}
             assert bare.call("goto", **goal).value == {"accepted": True, "reason": ""}

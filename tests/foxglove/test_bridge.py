@@ -246,6 +246,7 @@ def upgraded(port: int, origin: str) -> int:
         return refused.response.status_code
 
 
+@pytest.mark.thorough
 def test_an_older_viewer_names_the_protocol_differently(port: int):
     with FoxgloveClient(port, subprotocol=OLD_SUBPROTOCOL) as client:
         assert client.call("uav/hold") == {"success": True}

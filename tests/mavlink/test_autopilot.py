@@ -85,6 +85,7 @@ def test_a_hold_stops_it(flying: Rig):
     assert flying.place[0] < 0
 
 
+@pytest.mark.thorough
 def test_a_reset_is_refused(flying: Rig):
     with pytest.raises(QuadctlError, match="an autopilot cannot be put back at its start"):
         flying.ours.vehicle.reset()

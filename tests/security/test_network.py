@@ -123,6 +123,7 @@ def test_a_default_up_opens_no_listening_socket(net: Field):
     assert net.operator.quadctl("down").code == 0
 
 
+@pytest.mark.thorough
 def test_permitted_commands_work(net: Field):
     assert net.ask("state", "eve").code == 0
     assert net.ask("topic echo safety/state -n 1", "eve").code == 0

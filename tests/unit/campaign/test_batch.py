@@ -197,6 +197,7 @@ def test_a_broken_rule_is_detected(monkeypatch: pytest.MonkeyPatch, change):
     assert "more than 0.01 m beyond the cage" in violations
 
 
+@pytest.mark.thorough
 def test_live_flight_and_campaign_use_the_same_rules(
     monkeypatch: pytest.MonkeyPatch, flown: list[Flown]
 ):

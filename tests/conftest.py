@@ -1,5 +1,6 @@
 """Fixtures that start real systems, each in its own realm and folder."""
 
+import gc
 import signal
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -25,6 +26,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    gc.disable()
     config.stash[PROOFS] = Proofs()
     config.stash[LEFT_OUT] = []
     worker = getattr(config, "workerinput", None)  # of a worker of pytest-xdist
@@ -99,10 +101,16 @@ def _time_limit(item: pytest.Item) -> float:
 def _leave_out(
     config: pytest.Config, items: list[pytest.Item], unwanted: Callable[[pytest.Item], object]
 ) -> None:
-    left_out = [item for item in items if unwanted(item)]
+    left_out = {item: None for item in items if unwanted(item)}
     if left_out:
-        config.hook.pytest_deselected(items=left_out)
+        config.hook.pytest_deselected(items=list(left_out))
         items[:] = [item for item in items if item not in left_out]
+
+
+def pytest_collection_finish() -> None:
+    # The thousands of tests stay until the end; the collector need not look through them each time.
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_terminal_summary(

@@ -41,7 +41,11 @@ def pytest_configure(config: pytest.Config) -> None:
     # No deadline: the time of an example depends on the load of the machine. The examples are the
     # same in each run, and independent of the variable CI; `make prove` looks for others.
     same = hypothesis.settings(
-        hypothesis.settings.get_profile("default"), deadline=None, derandomize=True, database=None
+        hypothesis.settings.get_profile("default"),
+        deadline=None,
+        derandomize=True,
+        database=None,
+        max_examples=50,
     )
     hypothesis.settings.register_profile("quadctl", same)
     hypothesis.settings.register_profile("explore", same, derandomize=False, max_examples=1000)

@@ -442,6 +442,7 @@ a classroom of runs on one machine
 thirty students on one network
   each student flies one vehicle and no other; the teacher sees, stops and lands all; an unplugged
   cable or a revoked name does not affect the flights of others
+  - security/network: a_denied_command_fails_at_once_with_the_reason
   - security/many_machines: the_commands_of_the_page_print_the_shown_output
   - security/classroom: all_vehicles_are_listed_and_their_poses_keep_their_rates
     all_vehicles_fly_at_once_each_to_its_own_goal no_student_reaches_his_neighbours_vehicle

@@ -55,6 +55,7 @@ def places(tmp_path: Path) -> Iterator[dict[str, tuple[Machine, Lab]]]:
         yield labs
 
 
+@pytest.mark.thorough
 @pytest.mark.needs("ip", "namespaces")
 def test_the_commands_of_the_page_print_the_shown_output(
     places: dict[str, tuple[Machine, Lab]], tmp_path: Path

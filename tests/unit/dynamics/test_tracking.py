@@ -155,6 +155,7 @@ def test_a_slanted_take_off_loses_no_speed_to_the_floor(
     assert off < 0.007
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("height", [0.001, 0.002, 0.003, 0.005])
 def test_a_climb_from_the_touch_of_the_floor_does_not_jump_off(height: float):
     # Its motors are a little weak, so it touches the floor before its setpoint turns up.

@@ -124,6 +124,7 @@ def test_rosbags_reads_what_we_write_and_we_read_what_it_writes(type_, name):
     check()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("type_", "name"), PAIRS, ids=NAMES)
 def test_garbage_is_refused_or_read_but_nothing_else_happens(type_, name):
     @given(st.binary(max_size=200), st.booleans())
@@ -138,6 +139,7 @@ def test_garbage_is_refused_or_read_but_nothing_else_happens(type_, name):
     check()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("type_", "name"), PAIRS, ids=NAMES)
 def test_a_payload_cut_short_is_refused(type_, name):
     @settings(max_examples=40)

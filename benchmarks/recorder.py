@@ -16,7 +16,7 @@ from benchmarks.results import Results
 from benchmarks.system import QUADCTL, Home, home, running
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.session import Address, open_client
-from quadctl.services.runtime.recording.reader import summary
+from quadctl.services.runtime.recording.framing import summary
 
 _HUB_ALONE = ("--without", "dynamics", "--without", "pressure", "--without", "safety")
 _SETTLED = 10.0

@@ -1,9 +1,11 @@
 """`bag info`, `check`, `repair` and `export`."""
 
-import os
 import time
+from collections import Counter
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Any
+from urllib.parse import quote
 
 import msgspec
 
@@ -14,20 +16,26 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.files import already_exists
 from quadctl.services.runtime.params.names import flatten
 from quadctl.services.runtime.recording import verify as mending
-from quadctl.services.runtime.recording.reader import Bag, KeyFacts, Recorded, facts
+from quadctl.services.runtime.recording.reader import (
+    STILL_RECORDED,
+    Bag,
+    KeyFacts,
+    Recorded,
+    facts,
+)
 from quadctl.services.runtime.recording.verify import check as look_through
 
 Recording = Annotated[Path, Arg("A recording, MCAP.", "FILE")]
 
 
 def info(options: Options, file: Recording) -> None:
-    """Show the contents of a recording; of a cut one, all that is left.
+    """Show the contents of a recording; of a cut or damaged one, all that can be read.
 
     Example: quadctl bag info flight.mcap
     """
     found = facts(file)
     if options.json:
-        output.document({"ok": not found.cut, **msgspec.to_builtins(found)})
+        output.document({"ok": not found.problem, **msgspec.to_builtins(found)})
         return
     began = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(found.begin))
     output.table(
@@ -41,8 +49,12 @@ def info(options: Options, file: Recording) -> None:
     )
     if found.keys:
         output.table([("KEY", "TYPE", "MESSAGES", "HZ"), *map(_row, found.keys)])
-    if found.cut:
-        output.note(f"it is cut: {found.cut}\n  try: `quadctl bag repair {file}` repairs it")
+    if found.missing:
+        output.note(f"{found.missing} messages that its index counts cannot be read")
+    if found.problem:
+        recorded = found.cut == STILL_RECORDED
+        hint = "end its recorder first" if recorded else f"`quadctl bag repair {file}` repairs it"
+        output.note(f"it is {found.problem}\n  try: {hint}")
 
 
 def _row(key: KeyFacts) -> tuple[str, str, str, str]:
@@ -54,17 +66,21 @@ def _row(key: KeyFacts) -> tuple[str, str, str, str]:
 def check(options: Options, file: Recording) -> None:
     """Check every message against its schema and look for gaps; exit 8 if there is a fault.
 
+    Messages of other encodings, e.g. cdr of ROS 2, are counted: their schemas are not checked.
+
     Example: quadctl bag check flight.mcap
     """
     found = look_through(file)
     ok = not found.faults
     if options.json:
-        content = {"messages": found.messages, "faults": found.faults}
-        output.document({"ok": ok, "file": str(file), **content})
+        output.document({"ok": ok, "file": str(file), **found._asdict()})
     else:
         for fault in found.faults:
             output.line(f"FAIL  {fault}")
-        verdict = "no faults" if ok else "faulty; `quadctl bag repair` repairs a cut recording"
+        for encoding, count in found.unchecked.items():
+            output.line(f"-     {count} messages are encoded as {encoding}: not checked")
+        hint = "; `quadctl bag repair` keeps what can be read" if found.repairable else ""
+        verdict = "no faults" if ok else f"faulty{hint}"
         output.line(f"{file}: {found.messages} messages, {verdict}")
     output.end(ok=ok)
 
@@ -76,29 +92,33 @@ def repair(
         Path | None, Option("Output file; FILE stays unchanged.", ("-o", "--output"))
     ] = None,
 ) -> None:
-    """Repair a recording that was cut by kill -9, a full disk or a partial copy.
+    """Repair a recording that was cut by kill -9, a full disk or a partial copy, or damaged.
 
-    All complete chunks are kept; a killed recorder has lost at most half a second.
+    All that can be read is kept; a killed recorder has lost at most half a second. FILE keeps its
+    links, owner and mode. If it is damaged inside, it stays beside the new one, as FILE.damaged.
 
     Example: quadctl bag repair flight.mcap
     """
-    fresh = target or file.with_name(f".{file.name}.{os.getpid()}")
     try:
-        done = mending.repair(file, fresh)
-        if target is None:
-            fresh.replace(file)
+        done = mending.repair_in_place(file) if target is None else mending.repair(file, target)
     except FileExistsError as error:
-        raise already_exists(fresh) from error
+        raise already_exists(Path(error.filename)) from error
     except OSError as error:
         raise QuadctlError(
-            f"{fresh} cannot be written: {error.strerror}", "free space, or name another file: -o"
+            f"{target or file} cannot be written: {error.strerror}",
+            "free space, or name another file: -o",
         ) from error
-    result = {"file": str(target or file), "messages": done.messages, "dropped_bytes": done.dropped}
-    kept = f"{done.messages} messages kept, {done.dropped} bytes of an incomplete end dropped"
-    text = (
-        f"{target or file}: {kept}" if done.why else f"{file} was whole: {done.messages} messages"
-    )
-    output.either(options, {**result, "cut": done.why}, text)
+    original = done.original and str(done.original)
+    result = {"file": str(target or file), **done._asdict(), "original": original}
+    if not done.why:
+        text = f"{file} was whole: {done.messages} messages"
+    else:
+        text = (
+            f"{target or file}: {done.messages} messages kept, {done.dropped} bytes cannot be read"
+        )
+        text += f"\n{file} was {done.why}"
+        text += f"\nthe file of before is {original}" if original else ""
+    output.either(options, result, text)
 
 
 _MOST_FIELDS = 1000
@@ -114,87 +134,114 @@ def export(
     folder: Annotated[
         Path | None, Option("Output folder (default: FILE without its ending).", ("-o", "--output"))
     ] = None,
+    force: Annotated[bool, Option("Overwrite tables that are there.")] = False,
 ) -> None:
     """Write a recording as tables, with a column for each field, e.g. position.x.
 
-    Numbers read back exactly.
+    Numbers read back exactly. A key's file has its name with dots for slashes, and %XX for
+    what no file name may hold.
 
     Example: quadctl bag export flight.mcap --csv
     """
     if not csv:
         raise UsageError("no format is given: CSV is the only one", "quadctl bag export FILE --csv")
     where = folder or file.with_suffix("")
-    columns = _columns(file)
-    counts = _write(file, where, columns)
-    paths = {key: str(_path(where, key)) for key in counts}
+    bag = Bag(file)
+    columns, left_out = _columns(bag)
+    if left_out and not columns:
+        raise Invalid(
+            f"{file} has nothing that makes a table: {_named(left_out)}",
+            "MCAP viewers show it; `quadctl bag info` lists its keys",
+        )
+    paths = _paths(where, columns)
+    counts = _write(file, where, paths, columns, force=force)
+    if left_out:
+        output.note(f"no tables: {_named(left_out)}")
+    if bag.problem:
+        output.note(f"{file} is {bag.problem}")
     if options.json:
-        rows = [{"key": key, "file": paths[key], "rows": count} for key, count in counts.items()]
-        output.document({"file": str(file), "tables": rows})
+        rows = [
+            {"key": key, "file": str(paths[key]), "rows": count} for key, count in counts.items()
+        ]
+        document = {"file": str(file), "tables": rows, "left_out": left_out}
+        output.document({**document, "problem": bag.problem})
         return
-    output.table((paths[key], f"{count} rows") for key, count in counts.items())
+    output.table((str(paths[key]), f"{count} rows") for key, count in counts.items())
 
 
-def _columns(file: Path) -> dict[str, list[str]]:
-    """Return the fields of each key, in order of their first appearance."""
+def _named(left_out: dict[str, int]) -> str:
+    most = 5
+    names = [f"{count} messages on {key}" for key, count in left_out.items()]
+    more = [f"{len(names) - most} more keys"] if len(names) > most else []
+    return ", ".join(names[:most] + more) + " (no fields that can be read)"
+
+
+def _columns(bag: Bag) -> tuple[dict[str, list[str]], dict[str, int]]:
+    """Return the fields of each key, in order of their first appearance, and messages without any."""
     found: dict[str, dict[str, None]] = {}
-    for message in _messages(Bag(file)):
+    left_out = Counter[str]()
+    for message in bag.messages():
+        if message.derived:
+            continue
+        if (cells := _cells(message)) is None:
+            left_out[message.key] += 1
+            continue
         fields = found.setdefault(message.key, {})
-        fields.update(dict.fromkeys(_cells(message)))
+        fields.update(dict.fromkeys(cells))
         if len(fields) > _MOST_FIELDS:
             raise Invalid(
                 f"the messages on {message.key!r} have more than {_MOST_FIELDS} different fields",
                 "they make no table; `quadctl replay` and MCAP viewers show them",
             )
-    return {key: list(names) for key, names in found.items()}
+    return {key: list(names) for key, names in found.items()}, dict(left_out)
 
 
-def _write(file: Path, where: Path, columns: dict[str, list[str]]) -> dict[str, int]:
+def _write(
+    file: Path, where: Path, paths: dict[str, Path], columns: dict[str, list[str]], *, force: bool
+) -> dict[str, int]:
     counts = dict.fromkeys(columns, 0)
-    rows = {key: [(_TIME, *names)] for key, names in columns.items()}
+    rows = {paths[key]: [(_TIME, *names)] for key, names in columns.items()}
     try:
         where.mkdir(parents=True, exist_ok=True)
-        _append(where, rows, "x")
-        for number, message in enumerate(_messages(Bag(file)), 1):
-            cells = _cells(message)
+        if not force and (there := [path for path in paths.values() if path.exists()]):
+            raise already_exists(there[0], force=True)
+        _append(rows, "w")
+        for number, message in enumerate(Bag(file).messages(), 1):
+            if message.derived or (cells := _cells(message)) is None:
+                continue
             row = (cells.get(name, "") for name in columns[message.key])
             # All digits: a float has too few for Unix time in ns.
             at = f"{message.at // 10**9}.{message.at % 10**9:09d}"
-            rows[message.key].append((at, *row))
+            rows[paths[message.key]].append((at, *row))
             counts[message.key] += 1
             if number % _ROWS == 0:
-                _append(where, rows, "a")
-        _append(where, rows, "a")
-    except FileExistsError as error:
-        raise Invalid(
-            f"{error.filename} is there already", "name another folder with -o, or remove it"
-        ) from error
+                _append(rows, "a")
+        _append(rows, "a")
     except OSError as error:
         raise Invalid(
-            f"{where} cannot be written: {error.strerror}", "name a writable folder: -o"
+            f"{error.filename or where} cannot be written: {error.strerror}",
+            "name a writable folder: -o",
         ) from error
     return counts
 
 
-def _append(where: Path, rows: dict[str, list[Any]], mode: str) -> None:
+def _append(rows: dict[Path, list[Any]], mode: str) -> None:
     """Write the rows to their tables; one is open at a time, as there may be more keys than files."""
     import csv
 
-    for key, lines in rows.items():
+    for path, lines in rows.items():
         if lines:
-            with _path(where, key).open(mode, encoding="utf-8", newline="") as out:
+            with path.open(mode, encoding="utf-8", newline="") as out:
                 csv.writer(out).writerows(lines)
             lines.clear()
 
 
-def _messages(bag: Bag) -> Any:
-    """Yield the messages that have fields and were on the bus."""
-    for message in bag.messages():
-        if not message.derived and isinstance(message.value, dict):
-            yield message
-
-
-def _cells(message: Recorded) -> dict[str, Any]:
-    return {name: _cell(value) for name, value in flatten(message.value)}
+def _cells(message: Recorded) -> dict[str, Any] | None:
+    """Return the fields of a message that has any."""
+    value = message.value
+    if not isinstance(value, dict):
+        return None
+    return {name: _cell(each) for name, each in flatten(value)}
 
 
 def _cell(value: Any) -> Any:
@@ -206,5 +253,22 @@ def _cell(value: Any) -> Any:
     return value
 
 
-def _path(where: Path, key: str) -> Path:
-    return where / f"{key.replace('/', '.').replace(chr(0), '.')}.csv"
+_LONGEST = 200
+"""Characters of a table's name; file systems take 255 bytes."""
+
+
+def _paths(where: Path, keys: Collection[str]) -> dict[str, Path]:
+    """Return a file for each key; no two share one, also where case makes no difference."""
+    found: dict[str, Path] = {}
+    taken = set[str]()
+    for key in keys:
+        # A dot stands for a slash, but the first one would hide the file.
+        whole = quote(key, safe="/@ ").replace(".", "%2E")
+        name = whole[:1].replace("/", "%2F") + whole[1:].replace("/", ".")
+        short, number = name[:_LONGEST], 1
+        while short.casefold() in taken:
+            number += 1
+            short = f"{name[:_LONGEST]}~{number}"
+        taken.add(short.casefold())
+        found[key] = where / f"{short}.csv"
+    return found

@@ -11,6 +11,7 @@ from quadctl.cli.plot.track import RecordedFlight, drawn, is_drawn
 from quadctl.cli.progress import Progress
 from quadctl.schemas.topics import POSE
 from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.files import already_exists
 
 
 def plot(
@@ -25,6 +26,7 @@ def plot(
     duration: Annotated[
         float, Option("Seconds to draw of a live flight.", ("-d", "--duration"))
     ] = 10.0,
+    force: Annotated[bool, Option("Overwrite a picture that is there.")] = False,
 ) -> None:
     """Draw a flight: path in the cage from above and the side, height, pressure, safety's states.
 
@@ -37,6 +39,8 @@ def plot(
     from quadctl.cli.plot.figure import draw
 
     target = picture or (file.with_suffix(".png") if file else Path("live.png"))
+    if target.exists() and not force:
+        raise already_exists(target, force=True)
     flight = recorded(file) if file else _live(options, duration)
     draw(target, flight, file.name if file else f"realm {options.realm}, live")
     flown = flight.flown()
@@ -52,14 +56,14 @@ def plot(
 
 
 def recorded(file: Path) -> RecordedFlight:
-    """Return the flight in a recording, with a note if it was cut off."""
+    """Return the flight in a recording, with a note if it is cut or damaged."""
     from quadctl.services.runtime.recording.reader import Bag
 
     flight, bag = RecordedFlight(), Bag(file)
     for message in bag.messages(lambda channel: is_drawn(channel.topic)):
         flight.add(message.key, message.decoded)
-    if bag.cut:
-        output.note(f"the recording is cut: {bag.cut}")
+    if bag.problem:
+        output.note(f"the recording is {bag.problem}")
     return flight
 
 

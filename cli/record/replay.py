@@ -52,8 +52,9 @@ def replay(
         count, wall = _publish(client, plan, speed, quiet=options.json)
     document = {"file": str(file), "messages": count, "keys": len(plan.keys)}
     document |= {"seconds": plan.seconds, "wall_seconds": wall, "cut": plan.cut}
-    if plan.cut:
-        output.note(f"the recording is cut: {plan.cut}")
+    document |= {"problem": plan.problem}
+    if plan.problem:
+        output.note(f"the recording is {plan.problem}")
     text = f"replayed {count} messages of {len(plan.keys)} keys, {plan.seconds:.1f} s"
     output.either(options, document, f"{text}, in {wall:.1f} s")
 
@@ -67,7 +68,7 @@ class _Plan:
         first = last = None
         for last in self._chosen(bag):
             first = first or last
-        self.cut = bag.cut
+        self.cut, self.problem = bag.cut, bag.problem
         self.begin = (first.at if first else 0) + round(start * 1e9)
         self.seconds = max((last.at - self.begin) / 1e9, 0.0) if last else 0.0
         self.keys = {message.key: message.encoding for message in self.messages()}

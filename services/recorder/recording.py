@@ -46,18 +46,35 @@ class Recording:
         """Write the buffer to the file; a crash of this process no longer loses it."""
         try:
             self._bag.flush()
+            self._check()
         except OSError as error:
             self._bag.close()
             raise self._stopped(error) from error
+        except QuadctlError:
+            self._bag.close()
+            raise
 
     def end(self) -> None:
         """Write the index and close the file."""
         try:
             self._bag.finish()
+            self._check()
+            if not self._out.is_at(self.path):
+                raise QuadctlError(
+                    f"{self.path} was moved while it was recorded; where it is now, it is complete",
+                    "end a recording before you move its file",
+                )
         except OSError as error:
             raise self._stopped(error) from error
         finally:
             self._bag.close()
+
+    def _check(self) -> None:
+        if self._out.is_removed():
+            raise QuadctlError(
+                f"the recording has stopped: another program has removed or replaced {self.path}",
+                "record again, to a file that nothing else touches",
+            )
 
     def facts(self, state: str) -> dict[str, Any]:
         """Return the progress to display."""

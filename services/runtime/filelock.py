@@ -74,20 +74,33 @@ class FileLock:
 
         Concurrent checks do not see each other, except on Windows, which has no shared locks.
         """
-        try:
-            fd = os.open(self._path, os.O_RDWR)
-        except FileNotFoundError:
-            return False
-        try:
-            return not _try_lock(fd, alone=False)
-        finally:
-            os.close(fd)
+        return is_locked(self._path)
 
     def release(self) -> None:
         """Release the lock, if held."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
+
+
+def lock_open(fd: int) -> None:
+    """Lock an open file until it is closed, if its disk has locks and nobody holds it."""
+    with contextlib.suppress(OSError):
+        _try_lock(fd, alone=True)
+
+
+def is_locked(path: str | os.PathLike[str]) -> bool:
+    """Return whether any process holds a lock on a file now; create none."""
+    try:
+        fd = os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        return not _try_lock(fd, alone=False)
+    except OSError:
+        return False  # a disk without locks
+    finally:
+        os.close(fd)
 
 
 @contextlib.contextmanager

@@ -34,6 +34,7 @@ def making(path: Path) -> Iterator[None]:
         raise Invalid(f"{path} cannot be written: {error.strerror}", hint) from error
 
 
-def already_exists(path: Path) -> Invalid:
-    """Return the error for a file that already exists."""
-    return Invalid(f"{path} already exists", "choose another name, or remove the file")
+def already_exists(path: Path, *, force: bool = False) -> Invalid:
+    """Return the error for a file that already exists, which a command may have `--force` for."""
+    hint = "choose another name, or remove the file"
+    return Invalid(f"{path} already exists", f"{hint}; --force overwrites it" if force else hint)

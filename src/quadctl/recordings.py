@@ -25,8 +25,11 @@ class UnknownKey(Invalid, KeyError):
 class Recording(dict[str, Columns]):
     """Arrays of a recording by key; an unambiguous end of a key does, e.g. `pose` for `uav/pose`.
 
-    Iteration, `in` and `get` know the whole keys only.
+    Iteration, `in` and `get` know the whole keys only. `problem` names in words what of the file
+    could not be read, e.g. `cut: it ends in the middle`; it is empty for a sound one.
     """
+
+    problem = ""
 
     def __missing__(self, name: str) -> Columns:
         ends = [key for key in self if key.endswith(f"/{name}")]
@@ -43,7 +46,8 @@ class Recording(dict[str, Columns]):
         times = [columns["received"] for columns in self.values()]
         begin, end = (min(map(np.min, times)), max(map(np.max, times))) if times else (0.0, 0.0)
         counts = (f"{key} ({len(columns['received'])})" for key, columns in self.items())
-        return f"<recording of {end - begin:.1f} s: {', '.join(counts) or 'empty'}>"
+        problem = f"; it is {self.problem}" if self.problem else ""
+        return f"<recording of {end - begin:.1f} s: {', '.join(counts) or 'empty'}{problem}>"
 
 
 def read(file: str | os.PathLike[str]) -> Recording:
@@ -56,15 +60,18 @@ def read(file: str | os.PathLike[str]) -> Recording:
     """
     rows: dict[str, list[Any]] = {}
     times: dict[str, list[int]] = {}
-    for message in Bag(Path(file)).messages(lambda channel: DERIVED not in channel.metadata):
+    bag = Bag(Path(file))
+    for message in bag.messages(lambda channel: DERIVED not in channel.metadata):
         rows.setdefault(message.key, []).append(message.value)
         times.setdefault(message.key, []).append(message.at)
-    return Recording(
+    recording = Recording(
         {
             key: _columns(values) | {"received": np.array(times[key]) / 1e9}
             for key, values in rows.items()
         }
     )
+    recording.problem = bag.problem
+    return recording
 
 
 def _columns(values: list[Any]) -> Columns:

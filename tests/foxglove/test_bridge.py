@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import zenoh
 from websockets.asyncio.client import connect as secure
 from websockets.exceptions import InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
@@ -299,50 +298,6 @@ def test_garbage_by_the_thousand_changes_nothing(port: int, run: quadctl.Run):
     assert seen[0] == seen[1]
     with FoxgloveClient(port) as client:
         assert client.call("uav/hold") == {"success": True}
-
-
-@pytest.mark.thorough
-def test_a_slow_client_loses_its_own_messages_only(port: int, run: quadctl.Run):
-    count, pad = 3000, b"x" * 10_000
-    with (
-        session.open_client(session.address_of(Realm(run.realm))) as bus,
-        FoxgloveClient(port) as quick,
-        FoxgloveClient(port, reading=False) as slow,
-    ):
-        bus.put("uav/own/big", b'{"seq": -1}')
-        quick.wait(lambda: "uav/own/big" in quick.channels)
-        slow.subscribe_unread(quick.channels["uav/own/big"])
-        quick.subscribe("uav/pose")
-        quick.message("uav/pose")
-        wait = zenoh.CongestionControl.BLOCK
-        for number in range(count):
-            payload = b'{"seq": %d, "pad": "%s"}' % (number, pad)
-            bus.put("uav/own/big", payload, congestion_control=wait)
-        # The bridge takes messages in their order; a pose of now comes after all of these.
-        now = run.vehicle.pose().stamp + 1
-        quick.message("uav/pose", lambda pose: pose["stamp"] > now)
-        slow.read()
-        slow.wait(lambda: slow.messages and slow.messages[-1].json["seq"] == count - 1)
-        big = [each.json["seq"] for each in slow.messages]
-        poses = [each.json["seq"] for each in quick.messages]
-    assert len(big) < count
-    assert big == sorted(big)
-    assert poses == list(range(poses[0], poses[0] + len(poses)))
-
-
-@pytest.mark.thorough
-def test_a_flood_of_goals_leaves_room_for_calls_and_the_flight(port: int, run: quadctl.Run):
-    before = run.vehicle.state()
-    with FoxgloveClient(port) as client:
-        publish = client.publish("/goto")
-        for _ in range(10):
-            for _ in range(500):
-                publish(b'{"x": 99, "y": 0, "z": 1}')
-            assert client.call("uav/toggle_cage", cage_on=True) == {"success": True}
-    after = run.vehicle.state()
-    assert 0 < after.request - before.request < 200
-    assert after.goal == before.goal
-    assert run.vehicle.goto(0, 0, 1, replace=True).distance < 0.5
 
 
 @pytest.mark.thorough

@@ -262,6 +262,13 @@ a recording or TOML file made to do harm
     a_refused_recording_is_not_repaired_in_place
   - recording/replay: a_recording_made_to_do_harm_is_not_replayed
   - unit/runtime/params/load: a_bad_file_is_refused_with_the_place_and_a_hint
+a recording with damaged bytes, one that is still being written, or that is removed meanwhile
+  all but the damaged chunks is read, and what is lost is counted and reported; a repair never leaves less
+  than there was, and refuses a file that is in use; the recorder reports that its file is gone
+  - recording/record: a_recording_in_use_is_not_repaired_and_a_removed_one_is_reported
+  - unit/runtime/recording/damage: all_but_a_damaged_chunk_is_read_and_what_is_lost_is_counted
+    what_is_in_sound_chunks_is_read_wherever_bytes_are_damaged a_repair_keeps_link_owner_and_mode
+  - unit/cli/bag: every_reader_skips_a_damaged_chunk_and_reports_it
 another user of the machine gets to the temporary folder first
   every command refuses a link or a folder of another user in place of the run's, exit 2
   - security/temporary_folder: a_link_to_the_users_own_files_is_refused

@@ -247,3 +247,31 @@ def test_a_restarted_recorder_of_a_run_uses_a_new_file(lab: Lab):
     notes = Bag(second)
     list(notes.messages())
     assert json.loads(notes.notes["quadctl"]["params"])["dynamics"]["start"]["z"] == 1
+
+
+def test_a_recording_in_use_is_not_repaired_and_a_removed_one_is_reported(module_lab: Lab):
+    file = module_lab.folder / "removed.mcap"
+    run = recording(module_lab, "-o", file)
+    eventually(lambda: has_grown(file))
+    assert "cut: it is still being recorded" in module_lab.quadctl("bag", "info", file).err
+    refused = module_lab.quadctl("bag", "repair", file)
+    assert refused.code == 7
+    assert "still being recorded" in refused.err
+    assert "Traceback" not in run.log
+    file.unlink()
+    assert run.wait() == 1
+    assert f"another program has removed or replaced {file}" in run.log
+
+
+@pytest.mark.thorough
+def test_a_file_that_is_moved_is_completed_and_reported(module_lab: Lab):
+    file, moved = module_lab.folder / "before.mcap", module_lab.folder / "after.mcap"
+    run = recording(module_lab, "-o", file)
+    eventually(lambda: has_grown(file))
+    file.rename(moved)
+    run.send(signal.SIGINT)
+    assert run.wait() == 1
+    assert f"{file} was moved while it was recorded" in run.log
+    bag = Bag(moved)
+    assert len(list(bag.messages())) > 10
+    assert bag.problem == ""

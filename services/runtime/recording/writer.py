@@ -15,6 +15,7 @@ from msgspec import Struct
 
 from quadctl.schemas.typeinfo import json_schema
 from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.filelock import lock_open
 from quadctl.services.runtime.recording.mcap_format import JSON, Form, Stored
 
 
@@ -22,9 +23,10 @@ class Outfile:
     """Output file that buffers until `flush`, which writes all of the buffer or nothing."""
 
     def __init__(self, descriptor: int) -> None:
-        """Write to an open file from its start."""
+        """Write to an open file from its start, locked as long as it is open."""
         self.size = 0
         self._descriptor = descriptor
+        lock_open(descriptor)
         self._pending = bytearray()
 
     @classmethod
@@ -55,6 +57,17 @@ class Outfile:
             raise
         self.size += len(self._pending)
         self._pending.clear()
+
+    def is_at(self, path: Path) -> bool:
+        """Return whether the file still has this name; it may have been removed or moved."""
+        try:
+            return os.path.samestat(os.fstat(self._descriptor), path.stat())
+        except OSError:
+            return False
+
+    def is_removed(self) -> bool:
+        """Return whether the file has no name any more: nobody could read what is written."""
+        return os.fstat(self._descriptor).st_nlink == 0
 
     def close(self) -> None:
         """Close the file."""

@@ -4,7 +4,9 @@ import csv
 from pathlib import Path
 
 import pytest
+from mcap.writer import Writer
 
+from quadctl.services.runtime.recording.framing import summary
 from tests.support.bags import BEGAN, SECOND, flight, pose, raw_message, refused, write
 from tests.support.command_line import Quadctl
 
@@ -83,6 +85,95 @@ def test_each_key_is_exported_as_a_table_without_rounding(quadctl: Quadctl, bag:
     assert quadctl("bag", "export", "f.mcap", "--csv", "-o", "other").code == 0
 
 
+def test_tables_are_overwritten_only_by_force(quadctl: Quadctl, bag: Path):
+    words = ("bag", "export", "f.mcap", "--csv")
+    assert quadctl(*words).code == 0
+    table = Path("f/uav.pose.csv")
+    table.write_text("mine")
+    refused = quadctl(*words)
+    assert (refused.code, refused.out) == (6, "")
+    assert ".csv already exists" in refused.err
+    assert "--force" in refused.err
+    assert table.read_text() == "mine"
+    assert quadctl(*words, "--force").code == 0
+    assert table.read_text().count("\n") == 101
+
+
+KEYS = [
+    "/a/b", "a/b", "/a.b", "a.b", "A/b", ".hidden", "..", "a b", "a%2Fb", "con:x", "x" * 300, "x" * 301,
+    "été/@srv/é", "a\\b", "a/b~2",
+]  # fmt: skip
+
+
+def test_every_key_has_a_table_of_its_own_that_is_seen(quadctl: Quadctl, tmp_path: Path):
+    sent = [raw_message(key, {"n": n}, n, "application/json") for n, key in enumerate(KEYS)]
+    write(tmp_path / "keys.mcap", sent)
+    tables = quadctl("bag", "export", "keys.mcap", "--csv", "--json").json["tables"]
+    assert [table["key"] for table in tables] == KEYS
+    names = [Path(table["file"]).name for table in tables]
+    assert len({name.casefold() for name in names}) == len(KEYS)
+    assert not [name for name in names if name.startswith(".") or set(name) & set('\\:*?"<>|')]
+    assert names[:4] == ["%2Fa.b.csv", "a.b.csv", "%2Fa%2Eb.csv", "a%2Eb.csv"]
+    for number, name in enumerate(names):
+        assert Path("keys", name).read_text().splitlines()[1].endswith(f",{number}")
+
+
+def foreign(path: Path, *encodings: str) -> Path:
+    with path.open("wb") as out:
+        mcap = Writer(out)
+        mcap.start("ros2", "another program")
+        schema = mcap.register_schema("std_msgs/msg/Empty", "ros2msg", b"")
+        for number, encoding in enumerate(encodings):
+            channel = mcap.register_channel(f"/{encoding}", encoding, schema)
+            mcap.add_message(channel, number, b'{"a":1}', number)
+        mcap.finish()
+    return path
+
+
+def test_what_makes_no_table_is_named(quadctl: Quadctl, tmp_path: Path):
+    foreign(tmp_path / "ros2.mcap", "cdr")
+    refused = quadctl("bag", "export", "ros2.mcap", "--csv")
+    assert (refused.code, refused.out) == (6, "")
+    assert "nothing that makes a table: 1 messages on /cdr" in refused.err
+    assert not Path("ros2").exists()
+    foreign(tmp_path / "both.mcap", "cdr", "json")
+    done = quadctl("bag", "export", "both.mcap", "--csv")
+    assert done.code == 0
+    assert "no tables: 1 messages on /cdr" in done.err
+    checked = quadctl("bag", "check", "ros2.mcap")
+    assert "1 messages are encoded as cdr: not checked" in checked.out
+    assert quadctl("bag", "check", "ros2.mcap", "--json").json["unchecked"] == {"cdr": 1}
+
+
+IN_CHUNK = 25
+READERS = ["bag info", "bag check", "bag export --csv", "plot -o new.svg", "bag repair -o new.mcap"]
+
+
+@pytest.mark.parametrize("chunk", [0, 2, 4])
+@pytest.mark.parametrize("line", READERS)
+def test_every_reader_skips_a_damaged_chunk_and_reports_it(
+    quadctl: Quadctl, bag: Path, chunk: int, line: str
+):
+    index = summary(bag)
+    assert index is not None
+    data = bytearray(bag.read_bytes())
+    place = index.chunk_indexes[chunk].chunk_start_offset
+    data[place + 200] ^= 1
+    bag.write_bytes(data)
+    done = quadctl(*line.split(), "f.mcap")
+    assert done.code == (8 if line == "bag check" else 0)
+    text = done.out + done.err
+    assert f"damaged in one place, where {index.chunk_indexes[chunk].chunk_length} bytes" in text
+    assert f"the first at byte {place}: " in text
+    assert bag.read_bytes() == data
+    left = 122 - (IN_CHUNK if chunk < 4 else 22)
+    if line == "bag info":
+        found = quadctl("bag", "info", "f.mcap", "--json").json
+        assert (found["messages"], found["missing"], found["ok"]) == (left, 122 - left, False)
+    elif line == "bag check":
+        assert f"{left} messages, faulty" in done.out
+
+
 @pytest.mark.thorough
 def test_a_flight_is_drawn(quadctl: Quadctl, tmp_path: Path):
     result = quadctl("plot", FLOWN, "-o", "flight.svg", "--json")
@@ -91,6 +182,11 @@ def test_a_flight_is_drawn(quadctl: Quadctl, tmp_path: Path):
     assert result.json["seconds"] > 14
     text = (tmp_path / "flight.svg").read_text()
     assert "path from above" in text or "<svg" in text
+    refused = quadctl("plot", FLOWN, "-o", "flight.svg")
+    assert (refused.code, refused.out) == (6, "")
+    assert "flight.svg already exists" in refused.err
+    assert (tmp_path / "flight.svg").read_text() == text
+    assert quadctl("plot", FLOWN, "-o", "flight.svg", "--force").code == 0
 
 
 @pytest.mark.parametrize(

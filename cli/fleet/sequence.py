@@ -7,7 +7,7 @@ from math import dist, sqrt
 from threading import Event, Thread
 from typing import Any, Self
 
-from msgspec import Struct, convert
+from msgspec import Struct
 from msgspec.structs import astuple
 
 from quadctl.cli.fleet.file import Member
@@ -28,6 +28,7 @@ from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut, Unreachable
 from quadctl.services.runtime.params.names import put
+from quadctl.services.runtime.typed import converted
 from quadctl.vehicle import Flight, goal_of, slowed
 
 _STOP = ["safety.reaction", "safety.max_acceleration", "safety.min_deceleration"]
@@ -141,14 +142,14 @@ def _known(client: Client, *, replace: bool) -> Known:
         values["safety.separation.radius"], values["safety.separation.height"]
     )
     cage = state.cage if state.cage_on else CageSize(FARTHEST, FARTHEST, FARTHEST)
-    zones = convert(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
+    zones = converted(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
     flies_to = state.goal if state.state == "MOVING" else None
     flown: dict[str, Any] = {}
     for name, value in client.call(
         get_params("dynamics"), GetParamsRequest(["dynamics"])
     ).values.items():
         put(flown, name, value, "dynamics")
-    dynamics = convert(flown, Params).dynamics
+    dynamics = converted(flown, Params).dynamics
     law = stopping_law(dynamics.vehicle, dynamics.control, dynamics.wind)
     law = law.declared(*(values[name] for name in _STOP))
     if not flies_to:

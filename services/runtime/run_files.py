@@ -7,6 +7,7 @@ from msgspec import Struct
 
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.realm import LOCK, RECORD, Realm, default_name, write_atomically
+from quadctl.services.runtime.typed import from_json
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,7 +85,7 @@ def read(realm: Realm) -> RunState:
     try:
         if is_live(realm):
             with open(f"{realm.path}/{RECORD}", "rb") as file:  # noqa: PTH123 - pathlib takes 7 ms
-                return msgspec.json.decode(file.read(), type=RunState)
+                return from_json(file.read(), RunState)
     except FileNotFoundError:
         pass  # the run ended, or has no record yet
     raise not_running(realm)

@@ -40,6 +40,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, Refused, TimedOut
+from quadctl.services.runtime.typed import converted
 
 if TYPE_CHECKING:
     from quadctl.parameters import ParamTable
@@ -93,7 +94,7 @@ def goal_of(
     point = {axis: _metres(axis, value) for axis, value in (("x", x), ("y", y), ("z", z))}
     try:
         how = {"replace": replace, "direct": direct, "wait": wait}
-        return msgspec.convert(point | how, GotoRequest)
+        return converted(point | how, GotoRequest)
     except msgspec.ValidationError as error:
         axis = str(error).rpartition("$.")[2].rstrip("`")
         raise _bad_coordinate(axis, f"{point[axis]:g}") from None

@@ -1,7 +1,6 @@
 """MessagePack with a schema digest, error replies, and any payload as plain data."""
 
 import math
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -14,6 +13,7 @@ from quadctl.schemas.digests import DIGESTS, place
 from quadctl.schemas.services import Call, Error
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
 from quadctl.services.runtime.nesting import is_too_deep
+from quadctl.services.runtime.typed import BUILDING
 
 
 def to_jsonable(payload: bytes, encoding: str) -> Any:
@@ -87,9 +87,6 @@ _PLAIN: Any = dict
 
 encode = msgspec.msgpack.encode
 
-_building = threading.Lock()
-"""Lock against a crash: a second thread can see a type that msgspec has half built."""
-
 
 @cache
 def digest(type_: type[Struct]) -> str:
@@ -98,7 +95,7 @@ def digest(type_: type[Struct]) -> str:
         return known
     from quadctl.schemas.typeinfo import schema_hash
 
-    with _building:
+    with BUILDING:
         return schema_hash(type_)
 
 
@@ -115,7 +112,7 @@ def encoding(type_: type[Struct]) -> str:
 
 @cache
 def _decoder(type_: type[M]) -> msgspec.msgpack.Decoder[M]:
-    with _building:
+    with BUILDING:
         return msgspec.msgpack.Decoder(type_, ext_hook=_refuse_extension)
 
 
@@ -126,7 +123,7 @@ def _refuse_extension(code: int, _data: memoryview) -> Any:
 
 @cache
 def _error_decoder() -> msgspec.json.Decoder[Error]:
-    with _building:
+    with BUILDING:
         return msgspec.json.Decoder(Error)
 
 

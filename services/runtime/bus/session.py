@@ -18,6 +18,7 @@ from quadctl.services.runtime.realm import ADDRESS, Realm, write_atomically
 from quadctl.services.runtime.run_files import is_live, not_running
 from quadctl.services.runtime.security import endpoints
 from quadctl.services.runtime.security.endpoints import check, how_to_open, is_secure
+from quadctl.services.runtime.typed import from_json
 
 TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"
@@ -91,14 +92,14 @@ def address_of(realm: Realm, connect: str = "", node: str = "") -> Address:
             contextlib.suppress(FileNotFoundError),
             open(f"{realm.path}/{name}", "rb") as file,  # noqa: PTH123 - pathlib takes 5 ms
         ):
-            return msgspec.json.decode(file.read(), type=Address)
+            return from_json(file.read(), Address)
     return Address(realm.endpoint)
 
 
 def addresses_of_nodes(realm: Realm) -> list[Address]:
     """Return the addresses of the nodes that have one of their own."""
     files = realm.folder.glob(f"*.{ADDRESS}")
-    return [msgspec.json.decode(file.read_bytes(), type=Address) for file in files]
+    return [from_json(file.read_bytes(), Address) for file in files]
 
 
 def write_addresses(realm: Realm, address: Address, nodes: Sequence[Address]) -> None:

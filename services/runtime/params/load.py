@@ -20,6 +20,7 @@ from quadctl.services.runtime.params.names import (
     value_of,
 )
 from quadctl.services.runtime.realm import DEFAULT, listed
+from quadctl.services.runtime.typed import converted
 
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
@@ -60,7 +61,7 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
     air.
     """
     try:
-        params = msgspec.convert(table, Params)
+        params = converted(table, Params)
     except msgspec.ValidationError as error:
         raise _explain(str(error), source) from error
     dynamics = params.dynamics
@@ -93,7 +94,7 @@ def check_value(name: str, value: Any, source: str) -> None:
     if type_ is None:
         raise Invalid(f"{source}: unknown parameter {name}", nearest_declared(name))
     try:
-        msgspec.convert(value, type_)
+        converted(value, type_)
     except msgspec.ValidationError as error:
         raise _explain(str(error), f"{source}: {name}") from error
 

@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from quadctl.schemas.roles import Role
 from quadctl.services.runtime.errors import NotAllowed, UsageError
+from quadctl.services.runtime.typed import from_json
 
 
 class Name(Struct, frozen=True):
@@ -57,7 +58,7 @@ class Identity:
             raise UsageError(f"{key} can be read by others on this machine", f"chmod 600 {key}")
         try:
             with open(self.path(ABOUT), "rb") as about:
-                self.name = msgspec.json.decode(about.read(), type=Name)
+                self.name = from_json(about.read(), Name)
         except msgspec.DecodeError as error:
             raise UsageError(f"{self.path(ABOUT)} is damaged: {error}", _HINT) from error
         if self.name.expires <= time.time():

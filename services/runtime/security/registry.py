@@ -16,6 +16,7 @@ from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.realm import vehicle_name, write_atomically
 from quadctl.services.runtime.security.authority import Authority, hosts_here
 from quadctl.services.runtime.security.identity import ABOUT, Name
+from quadctl.services.runtime.typed import from_json
 
 LIST = "names.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
@@ -40,7 +41,7 @@ def load(folder: Path) -> list[Name]:
     """Load the list of a folder; raises UsageError if it cannot be read, Invalid if damaged."""
     file = folder / LIST
     try:
-        return msgspec.json.decode(file.read_bytes(), type=list[Name])
+        return from_json(file.read_bytes(), list[Name])
     except FileNotFoundError as error:
         raise UsageError(
             f"{file} is not there", "`quadctl keys init` makes a fleet's keys, `keys issue` a hub's"

@@ -4,14 +4,14 @@ A second thread can see a type that msgspec has half built, and the process cras
 that convert the parameters first, and at once, did so in 31 of 60 processes.
 """
 
-import threading
+from _thread import RLock  # threading takes 2 ms of `status`
 from typing import Any, TypeVar
 
 import msgspec
 
 T = TypeVar("T")
 
-BUILDING = threading.RLock()
+BUILDING = RLock()
 """Lock for whatever may be the first to use a type."""
 
 

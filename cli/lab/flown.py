@@ -80,6 +80,22 @@ def distance(pose: Pose, place: Iterable[float]) -> float:
     return dist(place_of(pose), tuple(place))
 
 
+TIME_TO_ARRIVE = 10.0
+"""Simulated seconds after which a random flight's last goal must be reached."""
+
+
+def time_to_arrive(flown: FlownMission, place: Point | None, since: float) -> float:
+    """Return the time (s) to reach a place from where the vehicle was at a time, or to stop.
+
+    With the cage off, a right hand-in flies to a goal 10 km away, for as long as that takes.
+    """
+    begin = flown.poses[first_at(flown.poses, since) :][:1]
+    if place is None or not begin:
+        return TIME_TO_ARRIVE
+    way = distance(begin[0], place)
+    return max(TIME_TO_ARRIVE, 2 * way / flown.params.dynamics.control.max_speed)
+
+
 def _stamp(message: Pose | SafetyState | Pressure) -> float:
     return message.stamp
 

@@ -17,9 +17,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from quadctl.cli.lab.extra import prints
-from quadctl.cli.lab.flown import FlownMission, Outcome, Witness
+from quadctl.cli.lab.flown import TIME_TO_ARRIVE, FlownMission, Outcome, Witness
 from quadctl.cli.lab.rubric import RowVerdict, Rubric, RubricRow
-from quadctl.cli.lab.verdict import TIME_TO_ARRIVE, judge, random_flight
+from quadctl.cli.lab.verdict import judge, random_flight
 from quadctl.cli.mission.fly import MissionFlight
 from quadctl.cli.mission.mission import CageStep, CallStep, GotoStep, MissionFile
 from quadctl.cli.temporary_run import temporary_run

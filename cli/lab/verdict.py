@@ -23,6 +23,7 @@ from quadctl.cli.lab.flown import (
     permits,
     pose_at,
     speed,
+    time_to_arrive,
     until,
 )
 from quadctl.cli.lab.rubric import RowVerdict, RubricRow
@@ -54,8 +55,6 @@ _MOST = 1.5
 """Times the barometer's rate that it may have."""
 _MODEL = 0.1
 """Share by which the change of a barometer's model with the height may differ from ours."""
-TIME_TO_ARRIVE = 10.0
-"""Simulated seconds after which a random flight's last goal must be reached."""
 
 
 def judge(row: RubricRow, flown: FlownMission) -> RowVerdict:
@@ -459,7 +458,7 @@ def random_flight(flown: FlownMission) -> RowVerdict:
     if worst > flown.margin:
         return RowVerdict(False, f"the vehicle was {worst:.2f} m beyond the cage at {at:.2f} s")
     last = flown.poses[-1]
-    if place is not None and last.stamp >= since + TIME_TO_ARRIVE:
+    if place is not None and last.stamp >= since + time_to_arrive(flown, place, since):
         away = distance(last, place)
         if away > flown.params.safety.acceptance_range:
             goal = " ".join(f"{x:g}" for x in place)
@@ -491,10 +490,10 @@ def _refusal(outcome: Outcome) -> str:
 def _rests(flown: FlownMission, place: tuple[float, float, float] | None, since: float) -> float:
     """Return when (s) the vehicle was there after it had set out, or had stopped if there is no place.
 
-    It counts as there after TIME_TO_ARRIVE: a vehicle that never rests is not busy for ever.
+    It counts as there after the time for that: a vehicle that never rests is not busy for ever.
     """
     reach = flown.params.safety.acceptance_range
     for pose in flown.poses[first_at(flown.poses, since) :]:
         if speed(pose) < AT_REST if place is None else distance(pose, place) < reach:
             return pose.stamp
-    return since + TIME_TO_ARRIVE
+    return since + time_to_arrive(flown, place, since)

@@ -140,6 +140,14 @@ def test_a_class_to_try_grading_on_has_the_points_of_the_rubrics_rows(lab: Lab):
 
 
 @pytest.mark.thorough
+def test_a_goal_10_km_away_with_the_cage_off_need_not_be_reached_in_10_s(lab: Lab):
+    """The last goal of a random flight that this seed draws."""
+    done = lab.quadctl("lab", "grade", write("completed", lab.folder), "--trust", "--seed", 433_290)
+    assert done.code == 0, done.err
+    assert "37 of 37 points" in done.out
+
+
+@pytest.mark.thorough
 @pytest.mark.needs("sandbox")
 def test_a_hand_in_sees_neither_rubric_nor_solution(lab: Lab):
     # It looks through all files at each of its starts: one row has few.

@@ -80,5 +80,5 @@ lock:  ## Pins the requirements of pyproject.toml; UPGRADE=--upgrade takes the n
 	$(LOCK) --group build --constraints requirements-dev.lock -o requirements-build.lock
 
 clean:
-	rm -rf .venv .venv-* .cache .*_cache .hypothesis build dist *.egg-info demo.png
+	rm -rf .venv .venv-* .cache .*_cache .hypothesis build dist *.egg-info demo*.png
 	find schemas services cli tests -name __pycache__ -prune -exec rm -rf {} +

@@ -12,8 +12,8 @@ import msgspec
 from quadctl.cli import output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
-from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
-from quadctl.services.runtime.files import already_exists
+from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.files import already_exists, refuse_existing, unwritable
 from quadctl.services.runtime.params.names import flatten
 from quadctl.services.runtime.recording import verify as mending
 from quadctl.services.runtime.recording.reader import (
@@ -104,10 +104,7 @@ def repair(
     except FileExistsError as error:
         raise already_exists(Path(error.filename)) from error
     except OSError as error:
-        raise QuadctlError(
-            f"{target or file} cannot be written: {error.strerror}",
-            "free space, or name another file: -o",
-        ) from error
+        raise unwritable(target or file, error) from error
     original = done.original and str(done.original)
     result = {"file": str(target or file), **done._asdict(), "original": original}
     if not done.why:
@@ -203,8 +200,8 @@ def _write(
     rows = {paths[key]: [(_TIME, *names)] for key, names in columns.items()}
     try:
         where.mkdir(parents=True, exist_ok=True)
-        if not force and (there := [path for path in paths.values() if path.exists()]):
-            raise already_exists(there[0], force=True)
+        for path in paths.values():
+            refuse_existing(path, force=force)
         _append(rows, "w")
         for number, message in enumerate(Bag(file).messages(), 1):
             if message.derived or (cells := _cells(message)) is None:
@@ -218,10 +215,9 @@ def _write(
                 _append(rows, "a")
         _append(rows, "a")
     except OSError as error:
-        raise Invalid(
-            f"{error.filename or where} cannot be written: {error.strerror}",
-            "name a writable folder: -o",
-        ) from error
+        for path in () if force else paths.values():
+            path.unlink(missing_ok=True)
+        raise unwritable(Path(error.filename or where), error) from error
     return counts
 
 

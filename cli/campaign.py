@@ -23,6 +23,7 @@ from quadctl.services.runtime.errors import (
     Unreachable,
     UsageError,
 )
+from quadctl.services.runtime.files import refuse_existing
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.params.names import flatten
 
@@ -145,6 +146,7 @@ def campaign(
         ),
     ] = "",
     report: Annotated[str, Option("Write a report as one HTML page.", metavar="FILE")] = "",
+    force: Annotated[bool, Option("Overwrite a report that is there.")] = False,
     search: Annotated[
         int | None, Option("Search for the worst flight for so long.", min=5, metavar="SECONDS")
     ] = None,
@@ -187,8 +189,10 @@ def campaign(
         given = {
             name: value for name, value in given.items() if not name.startswith("dynamics.wind.")
         }
-    if report and not Path(report).absolute().parent.is_dir():
-        raise Invalid(f"--report {report}: no such folder", "give a file in an existing folder")
+    if report:
+        if not Path(report).absolute().parent.is_dir():
+            raise Invalid(f"--report {report}: no such folder", "give a file in an existing folder")
+        refuse_existing(Path(report), force=force)
     words = [
         "quadctl",
         "campaign",

@@ -1,6 +1,7 @@
 """One `quadctl` command line, from its words to the exit code of the process."""
 
 import _signal
+import errno
 import gc
 import os
 import sys
@@ -12,6 +13,21 @@ from quadctl.services.runtime.errors import QuadctlError, UsageError
 
 _CTRL_C = 130
 _COMPLETING = "_QUADCTL_COMPLETE"
+_CD = "`cd` to another folder: this one was deleted"
+_OWNER = "give the file to your user, or name another place"
+_ROOM = "make room on its disk"
+_REMEDIES = {
+    errno.EACCES: _OWNER,
+    errno.EPERM: _OWNER,
+    errno.EROFS: "name a place that can be written to, or set HOME to one",
+    errno.ENOSPC: _ROOM,
+    getattr(errno, "EDQUOT", errno.ENOSPC): _ROOM,
+    errno.EMFILE: "raise `ulimit -n`",
+    errno.ENFILE: "end other programs, which have too many files open",
+    errno.ENOMEM: "end other programs, which take the memory",
+    errno.EAGAIN: "raise `ulimit -u`, or end other programs",
+}
+"""Remedies for what a machine may refuse to any command."""
 
 
 def main() -> None:
@@ -27,6 +43,8 @@ def main() -> None:
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else 0
     except QuadctlError as problem:
+        if _is_homeless(problem.__cause__):
+            problem.hint = _CD
         output.error(problem, as_json=as_json)
         code = problem.exit_code
     except KeyboardInterrupt:
@@ -35,14 +53,34 @@ def main() -> None:
         # The reader, e.g. `head`, has all that it wanted.
         code = 0
     except Exception as problem:  # noqa: BLE001 - the outermost handler reports any bug
-        import traceback
-
-        traceback.print_exc()
-        text = f"unexpected: {type(problem).__name__}: {problem}"
-        bug = QuadctlError(text, "please report this, with the lines above")
-        output.error(bug, as_json=as_json)
+        output.error(_explained(problem), as_json=as_json)
         code = QuadctlError.exit_code
     _leave(code)
+
+
+def _explained(problem: Exception) -> QuadctlError:
+    """Return the error for what the machine refused, or for a bug, with its traceback on stderr."""
+    if _is_homeless(problem):
+        return QuadctlError("the current folder was deleted", _CD)
+    if isinstance(problem, OSError) and problem.errno in _REMEDIES:
+        place = f"{problem.filename}: " if problem.filename else ""
+        return QuadctlError(f"{place}{problem.strerror}", _REMEDIES[problem.errno])
+    import traceback
+
+    traceback.print_exc()
+    text = f"unexpected: {type(problem).__name__}: {problem}"
+    return QuadctlError(text, "please report this, with the lines above")
+
+
+def _is_homeless(problem: BaseException | None) -> bool:
+    """Return whether a file is missing because the current folder was deleted."""
+    if not isinstance(problem, FileNotFoundError):
+        return False
+    try:
+        os.getcwd()  # noqa: PTH109 - pathlib is slow to import
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _run(words: list[str]) -> None:

@@ -24,7 +24,7 @@ from quadctl.cli.declarations import (
     words_of,
 )
 from quadctl.cli.habits import instead, instead_of_option
-from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.errors import QuadctlError, UsageError
 
 _KEY = "quadctl.options"
 _NO_WRAPPING = 10_000
@@ -51,6 +51,14 @@ def read(words: list[str]) -> ParsedCommand:
         found = app(args=words, standalone_mode=False, prog_name="quadctl")
     except typer.TyperException as problem:
         raise _usage(problem, commands.split(plain)[0]) from problem
+    except (
+        OSError,
+        UnicodeDecodeError,
+    ) as problem:  # only the installation of completion has files
+        what = getattr(problem, "strerror", None) or "it is not UTF-8"
+        place = getattr(problem, "filename", None) or "a file of your shell"
+        hint = "`quadctl --show-completion` prints the script, for a place that your shell reads"
+        raise QuadctlError(f"{place} cannot be changed: {what}", hint) from problem
     if isinstance(found, ParsedCommand):
         return found
     raise SystemExit(found or 0)

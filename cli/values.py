@@ -36,7 +36,7 @@ def table_of(words: list[str]) -> Any:
         return _data(words[0])
     if is_pairs(words):
         return _pairs(words)
-    return value(words[0]) if len(words) == 1 else [value(word) for word in words]
+    return value_of(words[0]) if len(words) == 1 else [value_of(word) for word in words]
 
 
 def parameter(text: str) -> Any:
@@ -48,16 +48,6 @@ def parameter(text: str) -> Any:
     with suppress(Invalid):
         return _flow(text)
     return text
-
-
-def value(word: str) -> Any:
-    """Read one value: a number, also `.5` or `1e3`, or any other word as TOML reads it."""
-    if word.isascii() and "_" not in word:
-        for number in (int, float):
-            # The TOML reader is avoided: its import takes longer than publishing.
-            with suppress(ValueError):
-                return number(word)
-    return value_of(word)
 
 
 def is_data(words: list[str]) -> bool:
@@ -109,14 +99,14 @@ def _table(type_: type[Struct], name: str, words: list[str]) -> Any:
         return _pairs(words)
     if len(words) > len(names):
         raise Invalid(f"{name} takes {len(names)} values", f"the fields are: {names}")
-    return {field: value(word) for field, word in zip(names, words, strict=False)}
+    return {field: value_of(word) for field, word in zip(names, words, strict=False)}
 
 
 def _pairs(words: list[str]) -> dict[str, Any]:
     table: dict[str, Any] = {}
     for word in words:
         name, _, text = word.partition("=")
-        put(table, name, value(text), word)
+        put(table, name, value_of(text), word)
     return table
 
 
@@ -130,7 +120,7 @@ def _data(text: str) -> Any:
         import re
 
         if line := re.fullmatch(_LINE, text.rstrip()):
-            return {line[1]: value(line[2])}
+            return {line[1]: value_of(line[2])}
         hint = "quote a text with a colon, write name=value words, or `--as text` for your own key"
         raise Invalid(f"the argument is not YAML: {problem.message}", hint) from problem
 
@@ -221,7 +211,7 @@ def _is_glued(name: Any, found: Any) -> bool:
 
 
 def _bare(word: str) -> Any:
-    return None if word in {"", "~", "null"} else value(word)
+    return None if word in {"", "~", "null"} else value_of(word)
 
 
 def _at(mark: Any) -> str:

@@ -20,6 +20,7 @@ from quadctl.schemas.zones import ZoneParams
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.runtime.files import free_name, refuse_existing
 from quadctl.services.runtime.params.catalogue import lab_params
 from quadctl.services.runtime.realm import DEFAULT
 from quadctl.services.runtime.supervisor.launch import Launch
@@ -176,8 +177,10 @@ CHECKPOINTS: tuple[tuple[str, Callable[[Lab], Iterator[Evidence]]], ...] = (
 def demo(
     options: Options,
     picture: Annotated[
-        Path, Option("Where to write the picture of the flight, PNG or SVG.")
-    ] = Path("demo.png"),
+        Path | None,
+        Option("Picture of the flight, PNG or SVG (default: demo.png or demo_1.png ..)."),
+    ] = None,
+    force: Annotated[bool, Option("Overwrite a picture that is there.")] = False,
 ) -> None:
     """Fly the lab's four checkpoints, show the evidence, and draw the flight.
 
@@ -187,6 +190,8 @@ def demo(
     from quadctl.cli.plot.figure import draw
     from quadctl.cli.plot.track import RecordedFlight, drawn
 
+    picture = picture or free_name("demo", ".png")
+    refuse_existing(picture, force=force)
     params = lab_params()
     params.safety.zones = [TOWER]
     vehicle = options.named or DEFAULT

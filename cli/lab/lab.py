@@ -2,6 +2,7 @@
 
 import os
 import secrets
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,7 @@ from quadctl.cli import output
 from quadctl.cli.context import Options, require_local
 from quadctl.cli.declarations import Arg, Option
 from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
-from quadctl.services.runtime.files import making, write_new
+from quadctl.services.runtime.files import making, refuse_existing, write_new, write_whole
 from quadctl.services.runtime.params.load import read
 from quadctl.services.runtime.params.names import nearest
 
@@ -46,8 +47,11 @@ def new(
         raise Invalid(f"{folder / there[0]} already exists", "choose another folder")
     with making(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        write_new(folder / name, text)
+    with ExitStack() as undo:
+        for name, text in texts.items():
+            write_new(folder / name, text)
+            undo.callback((folder / name).unlink)
+        undo.pop_all()
     document = {"folder": str(folder), "files": sorted(texts)}
     output.either(
         options, document, f"wrote {', '.join(sorted(texts))} to {folder}; begin with LAB.md"
@@ -130,6 +134,7 @@ def grade(
     output_file: Annotated[
         Path | None, Option("Write to a file.", ("-o", "--output"), "FILE")
     ] = None,
+    force: Annotated[bool, Option("Overwrite a file of --output that is there.")] = False,
     jobs: Annotated[
         int | None, Option("Hand-ins at a time (default: one for each processor).", min=1)
     ] = None,
@@ -174,6 +179,8 @@ def grade(
     from quadctl.cli.lab.rubric import drawn, selected
 
     handins = _handins(submissions or [], format)
+    if output_file:
+        refuse_existing(output_file, force=force)
     if student:
         handins = _of(student, handins)
     record = _record(report, rubric, seed)
@@ -214,8 +221,7 @@ def grade(
     if output_file is None:
         output.write(text)
         return
-    with making(output_file):
-        output_file.write_text(text, "utf-8", newline="")
+    write_whole(output_file, text.encode())
 
 
 def _handins(submissions: list[str], form: str) -> "list[HandIn]":

@@ -16,9 +16,8 @@ from quadctl.cli.lab.formats import Grade, students
 from quadctl.cli.lab.handin import NODES, HandIn
 from quadctl.cli.lab.judge import NOT_FLOWN, RECORDING, log_of
 from quadctl.services.runtime.errors import Invalid
-from quadctl.services.runtime.files import making
+from quadctl.services.runtime.files import making, write_whole
 from quadctl.services.runtime.params.names import nearest
-from quadctl.services.runtime.realm import write_atomically
 
 _PAGE, _RESULTS, _FEEDBACK, _PICTURE = "report.html", "results.json", "feedback.txt", "flight.png"
 _CLASS, _CLASS_PAGE = "class.json", "index.html"
@@ -60,7 +59,8 @@ def write_page(
     """
     picture = _picture(folder, note)
     files = [file for file in (*_EVIDENCE, _PICTURE) if (folder / file).exists()]
-    _write(folder / _PAGE, pages.student_page(name, grade, lines, picture, files))
+    page = pages.student_page(name, grade, lines, picture, files)
+    write_whole(folder / _PAGE, page.encode())
     return folder / _PAGE
 
 
@@ -78,12 +78,6 @@ def _picture(folder: Path, note: Callable[[str], None]) -> bytes | None:
     except Exception as error:  # noqa: BLE001 - a picture is worth no mark; the package that draws may be missing
         note(f"no picture: {error}")
         return None
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a text, whole or not at all; raise Invalid if it cannot be written."""
-    with making(path):
-        write_atomically(path, text.encode())
 
 
 class Student(Struct, frozen=True):
@@ -151,7 +145,7 @@ class ClassReport:
                 own.mkdir(parents=True, exist_ok=True)
         self._record = replace(self._record, students=list(self._students.values()))
         record = msgspec.json.format(msgspec.json.encode(self._record), indent=2)
-        _write(self._folder / _CLASS, record.decode())
+        write_whole(self._folder / _CLASS, record)
 
     def keep(self, handin: HandIn, evidence: Path) -> None:
         """Move the logs and the recording of a hand-in to its student's folder."""
@@ -181,14 +175,14 @@ class ClassReport:
     def _write(self, student: Student, grade: Grade) -> None:
         own = self._own(student.submission)
         document = msgspec.json.format(msgspec.json.encode(grade.document()), indent=2)
-        _write(own / _RESULTS, document.decode())
-        _write(own / _FEEDBACK, pages.feedback(student.name, grade))
+        write_whole(own / _RESULTS, document)
+        write_whole(own / _FEEDBACK, pages.feedback(student.name, grade).encode())
         write_page(own, student.name, grade, [], self._say)
         entries = [
             pages.StudentLine(each.name, each.folder, self._grades.get(each.submission))
             for each in self._students.values()
         ]
-        _write(self.page, pages.class_page(entries, self._record.seed))
+        write_whole(self.page, pages.class_page(entries, self._record.seed).encode())
 
     def _own(self, submission: str) -> Path:
         return self._folder / self._students[submission].folder

@@ -8,12 +8,13 @@ import os
 import re
 import shutil
 import tempfile
+import tokenize
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TextIO
 
 from msgspec import Struct, structs
 
@@ -214,6 +215,14 @@ def _sources(folder: Path) -> dict[str, frozenset[str]]:
     return {file: frozenset(nodes) for file, nodes in found.items()}
 
 
+def _source(file: Path) -> TextIO:
+    """Open a source in the encoding that it declares, or that its byte order mark shows."""
+    try:
+        return tokenize.open(file)
+    except SyntaxError as error:
+        raise Invalid(f"{file.name}: {error}", "mutants are made of a node that runs") from error
+
+
 def _imported(file: Path) -> Iterator[str]:
     """Yield the files that a source may import from its folder."""
     try:
@@ -242,7 +251,8 @@ def plan(right: Sequence[Solution], tables: dict[str, Any], only: str) -> list[T
                 "name solutions with the nodes that the rubric is about",
             )
         for file, nodes in solution.nodes.items():
-            text = (solution.folder / file).read_text("utf-8")
+            with _source(solution.folder / file) as opened:
+                text = opened.read()
             for mutant in mutants(text, file) if nodes & about else ():
                 outcome: Outcome = "equivalent" if mutant.equivalent else "not judged"
                 found.append(Tried(solution.name, file, nodes, mutant, outcome))
@@ -343,8 +353,10 @@ def _written(tried: Tried, solution: Path, target: Path) -> HandIn:
     """Write a mutant as a hand-in; it shares all other files with the solution."""
     shutil.copytree(solution, target, symlinks=True, copy_function=os.link)
     file = target / tried.file
+    with _source(file) as opened:
+        encoding = opened.encoding
     file.unlink()
-    file.write_text(tried.mutant.source, "utf-8")
+    file.write_text(tried.mutant.source, encoding)
     return HandIn(tried.name, target)
 
 

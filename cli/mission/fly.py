@@ -49,6 +49,7 @@ from quadctl.services.runtime.errors import (
     TimedOut,
     UsageError,
 )
+from quadctl.services.runtime.files import read_text
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.load import check, read
 from quadctl.services.runtime.params.names import nearest
@@ -293,10 +294,8 @@ def _read(file: Path) -> MissionFile:
 
 
 def _is_mission(file: Path) -> bool:
-    with suppress(OSError, UnicodeDecodeError):
-        return any(
-            line.startswith("rows") for line in file.read_text(encoding="utf-8").splitlines()
-        )
+    with suppress(Invalid):
+        return any(line.startswith("rows") for line in read_text(file, "").text.splitlines())
     return False
 
 

@@ -1,21 +1,17 @@
 """Writer of mission files."""
 
 from collections.abc import Mapping
-from itertools import count
-from pathlib import Path
 from typing import Any
 
-from quadctl.services.runtime.files import making, write_new
+from quadctl.services.runtime.files import free_name, write_new, write_whole
 from quadctl.services.runtime.params.catalogue import value
-from quadctl.services.runtime.realm import write_atomically
 
 
 class MissionWriter:
     """New file in the current folder, under the first free name; later missions replace its content."""
 
     def __init__(self, stem: str) -> None:
-        names = (Path(f"{stem}_{number}.toml" if number else f"{stem}.toml") for number in count())
-        self.path = next(name for name in names if not name.exists())
+        self.path = free_name(stem, ".toml")
         self._is_new = True
 
     def write(self, mission: Mapping[str, Any]) -> None:
@@ -24,8 +20,7 @@ class MissionWriter:
             write_new(self.path, text(mission))
             self._is_new = False
         else:
-            with making(self.path):
-                write_atomically(self.path, text(mission).encode())
+            write_whole(self.path, text(mission).encode())
 
 
 def text(mission: Mapping[str, Any]) -> str:

@@ -13,14 +13,15 @@ from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.param.toml_edit import edited, replace
 from quadctl.parameters import RunningParams, Values, tables
 from quadctl.services.runtime.errors import Invalid, QuadctlError
-from quadctl.services.runtime.files import write_new
+from quadctl.services.runtime.files import read_text, write_new
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import fixed_at_launch, live_switch
-from quadctl.services.runtime.params.load import check, gather, parse, read, read_text, table_of
+from quadctl.services.runtime.params.load import check, gather, parse, read, table_of
 from quadctl.services.runtime.params.load import of as params_of
 from quadctl.services.runtime.params.names import flatten, put
 
 DEFAULT_FILE = Path("quad.toml")
+_WRITTEN_ANEW = "`quadctl param dump -o FILE` writes a new one"
 
 
 class Change(Struct, frozen=True):
@@ -151,9 +152,10 @@ def save(
     found = [change for change in changes(known, now) if change.name in now]
     if found:
         own = f"{options.vehicle}." if len(options.vehicles) > 1 else ""
-        text = edited(read_text(file), {own + change.name: change.after for change in found})
+        was = read_text(file, _WRITTEN_ANEW)
+        text = edited(was.text, {own + change.name: change.after for change in found})
         _verify(text, from_file | {change.name: change.after for change in found}, file, options)
-        replace(file, text.encode())
+        replace(file, was.encoded(text))
     changed = [change.document() for change in found]
     print_changes(options, {"file": str(file), "changed": changed}, found)
 
@@ -163,7 +165,7 @@ def _verify(text: str, wanted: Values, file: Path, options: Options) -> None:
     if values_of(parse(text, str(file)), str(file), options) != wanted:
         raise Invalid(
             f"{file} cannot be changed in place, or has just been changed; it is untouched",
-            "`quadctl param dump -o FILE` writes a new one",
+            _WRITTEN_ANEW,
         )
 
 

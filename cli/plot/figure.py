@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Iterable
+from io import BytesIO
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
 from quadctl.cli.plot.track import Phase, RecordedFlight, Spot, Track
 from quadctl.schemas.messages import CageSize, Zone
-from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.files import write_whole
 
 CAGE, TAKEN, REFUSED, AIR = "#57606a", "#1a7f37", "#cf222e", "#8250df"
 STATES = {"HOVERING": "#c9d1d9", "VERIFYING": "#d4a72c", "MOVING": "#79c0ff"}
@@ -133,12 +135,9 @@ def draw(file: Path, flight: RecordedFlight, title: str) -> None:
     _views(figure, columns[0], tracks)
     _courses(figure, columns[1], tracks)
     figure.suptitle(title, fontsize=14)
-    try:
-        figure.savefig(file, dpi=120)
-    except OSError as error:
-        raise QuadctlError(
-            f"{file} cannot be written: {error.strerror}", "name a writable file: -o"
-        ) from error
+    picture = BytesIO()
+    figure.savefig(picture, format=file.suffix[1:].lower(), dpi=120)
+    write_whole(file, picture.getvalue())
 
 
 def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:

@@ -11,7 +11,7 @@ from quadctl.cli.plot.track import RecordedFlight, drawn, is_drawn
 from quadctl.cli.progress import Progress
 from quadctl.schemas.topics import POSE
 from quadctl.services.runtime.errors import Invalid, UsageError
-from quadctl.services.runtime.files import already_exists
+from quadctl.services.runtime.files import refuse_existing
 
 
 def plot(
@@ -39,8 +39,7 @@ def plot(
     from quadctl.cli.plot.figure import draw
 
     target = picture or (file.with_suffix(".png") if file else Path("live.png"))
-    if target.exists() and not force:
-        raise already_exists(target, force=True)
+    refuse_existing(target, force=force)
     flight = recorded(file) if file else _live(options, duration)
     draw(target, flight, file.name if file else f"realm {options.realm}, live")
     flown = flight.flown()

@@ -150,6 +150,6 @@ def _row(node: ProcessRecord) -> tuple[object, ...]:
         node.state,
         node.pid or "-",
         node.restarts,
-        duration(time.time() - node.started) if node.pid else "-",
+        duration(time.monotonic() - node.began) if node.pid else "-",
         f"{memory / 1e6:.0f} MB" if memory is not None else "-",
     )

@@ -107,9 +107,11 @@ def _explained(file: str, kind: type[QuadctlError]) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        raise kind(
-            f"{file} cannot be used: {error}", "--db takes an SQLite file, new or of a campaign"
-        ) from error
+        full = getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_FULL
+        hint = (
+            "make room on its disk" if full else "--db takes an SQLite file, new or of a campaign"
+        )
+        raise kind(f"{file} cannot be used: {error}", hint) from error
 
 
 def _stored(value: Any, kind: str) -> Any:

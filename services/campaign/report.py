@@ -24,8 +24,7 @@ from quadctl.services.campaign.breakdown import (
 )
 from quadctl.services.campaign.score import seeds
 from quadctl.services.campaign.track import FlightTrack
-from quadctl.services.runtime.files import making
-from quadctl.services.runtime.realm import write_atomically
+from quadctl.services.runtime.files import write_whole
 from quadctl.services.safety.automaton import RULES, Rule
 from quadctl.services.safety.model import State
 
@@ -81,8 +80,7 @@ def write(
         tables=_tables(figures),
         flights="".join(_flight(row, tracks[row[0]], again(row[0])) for row in worst),
     )
-    with making(path):
-        write_atomically(path, page.encode())
+    write_whole(path, page.encode())
 
 
 def _verdict(broken: int) -> str:

@@ -54,7 +54,10 @@ class Worker:
     """Process that flies one job at a time."""
 
     def __init__(self) -> None:
-        self._popen = subprocess.Popen(_COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        # In a folder that is there: numba looks at its own, and a user's may have been deleted.
+        self._popen = subprocess.Popen(
+            _COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd="/"
+        )
 
     def fly(self, job: Job) -> list[Flown]:
         """Return the results of a job; raise QuadctlError if the worker exits instead."""
@@ -172,8 +175,10 @@ def _flown(job: Job, make: MakeFleet) -> list[Flown]:
 
 
 def _read(take: Callable[[bytes], None]) -> None:
-    for line in sys.stdin.buffer:
-        take(line)
+    # Not by sys.stdin: its lock would turn any error of this process into a fatal one.
+    with os.fdopen(0, "rb", closefd=False) as lines:
+        for line in lines:
+            take(line)
     os._exit(0)
 
 

@@ -86,7 +86,6 @@ def stored() -> Code | None:
 
 def store(code: Code) -> None:
     """Write the code to the cache."""
-    _path().parent.mkdir(parents=True, exist_ok=True)
     write_atomically(_path(), msgspec.msgpack.encode(code))
 
 
@@ -131,7 +130,6 @@ def compile_once() -> None:
     """Store the machine code, unless it is there; of several processes one compiles."""
     from quadctl.services.dynamics.compiled.source import cache_folder
 
-    cache_folder().mkdir(parents=True, exist_ok=True)
     with turn(cache_folder() / "vehicle.lock"):
         if stored() is None:
             store(made())
@@ -159,7 +157,9 @@ def made() -> Code:
 
 
 def _watch_stdin() -> None:
-    sys.stdin.buffer.read()
+    # Not by sys.stdin: its lock would turn any error of this process into a fatal one.
+    while os.read(0, 4096):
+        pass
     os._exit(1)
 
 

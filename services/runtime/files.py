@@ -1,13 +1,94 @@
-"""New files: existing ones are never overwritten."""
+"""Files that people write and read: texts of any editor, and new files, which overwrite none."""
 
+import codecs
 import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
+from typing import NamedTuple
 
 from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.realm import write_atomically
 
 _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+_REMEDIES = dict.fromkeys(_FULL, "make room on its disk") | {errno.ENOENT: "make its folder first"}
+
+_MOST_BYTES = 1_000_000
+"""Bytes of the largest text that is read; parameters of a thousand vehicles have a tenth of this."""
+_MARKS = (  # UTF-32 comes first, as its mark begins with that of UTF-16
+    (codecs.BOM_UTF32_LE, "utf-32-le"),
+    (codecs.BOM_UTF32_BE, "utf-32-be"),
+    (codecs.BOM_UTF8, "utf-8"),
+    (codecs.BOM_UTF16_LE, "utf-16-le"),
+    (codecs.BOM_UTF16_BE, "utf-16-be"),
+)
+
+
+class Text(NamedTuple):
+    """Text of a file with its line ends unchanged, its encoding and its byte order mark, if any."""
+
+    text: str
+    encoding: str
+    mark: bytes
+
+    def encoded(self, text: str) -> bytes:
+        """Return a new text of the same file as bytes: with its encoding, mark and line ends."""
+        if "\r\n" in self.text and "\n" not in self.text.replace("\r\n", ""):
+            text = text.replace("\r\n", "\n").replace("\n", "\r\n")
+        return self.mark + text.encode(self.encoding)
+
+
+def read_text(file: Path, hint: str) -> Text:
+    """Read a text of any editor, UTF-8, UTF-16 or UTF-32; raise Invalid if it cannot be read."""
+    try:
+        with file.open("rb") as opened:
+            # Pipes are allowed, but a device such as /dev/zero never ends.
+            data = opened.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise Invalid(f"{file} cannot be read: {error.strerror}", hint) from error
+    if len(data) > _MOST_BYTES:
+        raise Invalid(f"{file} is too large: it has more than 1 MB", hint)
+    mark, encoding = _encoding(data)
+    try:
+        return Text(data[len(mark) :].decode(encoding), encoding, mark)
+    except UnicodeDecodeError as error:
+        problem = f"{file} is not a text: {error}"
+        raise Invalid(problem, "save it as UTF-8 in your editor") from error
+
+
+def _encoding(data: bytes) -> tuple[bytes, str]:
+    """Return the byte order mark and the encoding of a text that begins with an ASCII character."""
+    for mark, encoding in _MARKS:
+        if data.startswith(mark):
+            return mark, encoding
+    if len(data) > 1 and (data[0] == 0) != (data[1] == 0):
+        return b"", "utf-16-be" if data[0] == 0 else "utf-16-le"
+    return b"", "utf-8"
+
+
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file, whole or not at all; raise Invalid if it cannot be written.
+
+    A link stays a link, and a pipe or a device stays one, too.
+    """
+    with making(path):
+        if path.exists() and not path.is_file():
+            path.write_bytes(data)
+        else:
+            write_atomically(path.resolve(), data)
+
+
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Raise Invalid if a command would overwrite a file without its `--force`."""
+    if not force and (path.is_file() or path.is_dir()):
+        raise already_exists(path, force=path.is_file())
+
+
+def free_name(stem: str, suffix: str) -> Path:
+    """Return the first name in the current folder that is free: `stem.suffix`, `stem_1.suffix` .."""
+    names = (Path(f"{stem}_{number}{suffix}" if number else stem + suffix) for number in count())
+    return next(name for name in names if not name.exists())
 
 
 def write_new(path: Path, text: str) -> None:
@@ -29,9 +110,13 @@ def making(path: Path) -> Iterator[None]:
     except FileExistsError as error:
         raise already_exists(path) from error
     except OSError as error:
-        full = error.errno in _FULL
-        hint = "make room on its disk" if full else "choose a folder that you may write to"
-        raise Invalid(f"{path} cannot be written: {error.strerror}", hint) from error
+        raise unwritable(path, error) from error
+
+
+def unwritable(path: Path, error: OSError) -> Invalid:
+    """Return the error for a file that the machine does not let us write, with a remedy."""
+    hint = _REMEDIES.get(error.errno or 0, "choose a folder that you may write to")
+    return Invalid(f"{path} cannot be written: {error.strerror}", hint)
 
 
 def already_exists(path: Path, *, force: bool = False) -> Invalid:

@@ -134,6 +134,16 @@ class Realm:
                 path.unlink(missing_ok=True)
 
 
+def spare_folder(name: str) -> "Path":
+    """Return a folder of this user alone beside the realms, and create it, e.g. for want of a home."""
+    from pathlib import Path
+
+    folder = Path(f"{_root()}-{name}")
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    _check_own(str(folder))
+    return folder
+
+
 def _check_own(folder: str) -> None:
     """Raise UsageError if a folder is a link or another user's, or lies in one that is closed to us.
 

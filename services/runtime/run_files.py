@@ -45,13 +45,18 @@ State = Literal["starting", "ready", "restarting", "down"]
 
 
 class ProcessRecord(Struct, frozen=True):
-    """State of one process; pid 0 while there is none, `started` in Unix s."""
+    """State of one process; pid 0 while there is none.
+
+    It was started at `started`, Unix s, and at `began` on the machine's monotonic clock, s: the
+    time of day may be set meanwhile.
+    """
 
     name: str
     pid: int
     state: State
     restarts: int
     started: float = 0.0
+    began: float = 0.0
 
 
 class RunState(Struct, frozen=True):

@@ -101,6 +101,17 @@ def test_diff_shows_what_was_set_and_save_keeps_every_comment(tuned: Lab):
     assert file.stat().st_ino == inode
 
 
+def test_save_keeps_the_encoding_and_the_line_ends_of_the_file(tuned: Lab):
+    file = tuned.folder / "notepad.toml"
+    file.write_bytes("# Höhe\r\n[safety]\r\ntakeoff = 1.0\r\n".encode("utf-16"))
+    assert tuned.quadctl("param", "set", "safety.takeoff=1.5").code == 0
+    assert tuned.quadctl("param", "save", "notepad.toml").code == 0
+    text = file.read_bytes().decode("utf-16")
+    assert text.startswith("# Höhe\r\n[safety]\r\ntakeoff = 1.5\r\n")
+    assert "\n" not in text.replace("\r\n", "")
+    assert tuned.quadctl("param", "diff", "notepad.toml") == (0, "", "")
+
+
 def test_a_file_from_init_loads_except_for_another_seed(tuned: Lab):
     refused = tuned.quadctl("param", "load", "quad.toml")
     assert (refused.code, refused.out) == (6, "")

@@ -21,7 +21,6 @@ HOUR = 3600
 TIME_OF_DAY = {"time", "time_ns", "datetime", "localtime", "gmtime", "ctime", "strftime"}
 MAY_READ = {
     "bus/calls.py": "a call's deadline",
-    "bus/client.py": "the start of a command, compared with the start of a process",
     "bus/raw.py": "when a recording begins",
     "bus/scheduled_calls.py": "a call's deadline, which the contract has as Unix time",
     "bus/streams.py": "the age of messages, which is only shown",

@@ -11,12 +11,13 @@ import inspect
 import os
 import sys
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
 from quadctl.services.dynamics import controller, flight_modes, rigidbody, rotor, trajectory, wind
 from quadctl.services.dynamics.compiled import branchless
-from quadctl.services.runtime.realm import write_atomically
+from quadctl.services.runtime.realm import spare_folder, write_atomically
 
 
 def load_module(name: str, source: str) -> ModuleType:
@@ -24,7 +25,6 @@ def load_module(name: str, source: str) -> ModuleType:
     digest = hashlib.sha256(source.encode()).hexdigest()[:12]
     path = cache_folder() / f"{name}_{digest}.py"
     if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, source.encode())
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
@@ -36,9 +36,15 @@ def load_module(name: str, source: str) -> ModuleType:
 
 
 def cache_folder() -> Path:
-    """Return the folder of the generated modules."""
+    """Return the folder of the generated modules, and create it: in the user's cache, if there is one."""
     home = os.environ.get("XDG_CACHE_HOME")
-    return (Path(home) if home else Path.home() / ".cache") / "quadctl"
+    # Without a home pathlib raises RuntimeError.
+    with suppress(OSError, RuntimeError):
+        folder = (Path(home) if home else Path.home() / ".cache") / "quadctl"
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            return folder
+    return spare_folder("cache")
 
 
 MODULES = (rigidbody, rotor, controller, trajectory, branchless, wind, flight_modes)

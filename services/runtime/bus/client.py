@@ -31,7 +31,7 @@ class HubConnection:
 
     def __init__(self, session: zenoh.Session, realm: Realm | None) -> None:
         self._session, self._realm = session, realm
-        self._since, self._first = time.time(), self._hubs()
+        self._since, self._first = time.monotonic(), self._hubs()
         self._breaks: zenoh_events.DisconnectListener | None = None
 
     def watch(self) -> None:

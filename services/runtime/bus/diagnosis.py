@@ -160,11 +160,11 @@ def publisher_of(key: str, vehicle: str) -> str:
 
 
 def hub_lost(realm: Realm | None, since: float) -> QuadctlError:
-    """Return why a connection to a realm's hub, made at `since` (Unix s), is lost."""
+    """Return why a connection to a realm's hub, made at `since` (monotonic s), is lost."""
     run = _run(realm) if realm else None
     hub = next((node for node in run.nodes if node.name == "hub"), None) if run else None
     if hub and _is_there(hub):
-        if hub.started < since:
+        if hub.began < since:
             return TimedOut(f"the hub, process {hub.pid}, no longer answers", _FROZEN)
         return Unreachable("the hub was restarted during the command", "run it again")
     return Unreachable(

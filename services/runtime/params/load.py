@@ -11,6 +11,7 @@ from msgspec import Struct
 from quadctl.schemas.params import Params, WindParams
 from quadctl.services.airspace import airworthiness
 from quadctl.services.runtime.errors import Invalid, UsageError
+from quadctl.services.runtime.files import read_text
 from quadctl.services.runtime.params.names import (
     MOST_PARTS,
     flatten,
@@ -25,8 +26,8 @@ from quadctl.services.runtime.typed import converted
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
 _UNPROVEN = "values nearer to it, or a launch with `dynamics.unproven = true`, without the promises"
-_MOST_BYTES = 1_000_000
-"""Bytes of the largest file that is read; a file for a thousand vehicles has a tenth of this."""
+_HALF = r"[=\[,]\s*[+-]?(\.\d|\d+\.(?!\d))"
+_DIGITS = "TOML has digits on both sides of a point: 0.5 and 5.0, for .5 and 5."
 _AT = r"(?s)^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$"
 _UNKNOWN = r"unknown field `(?P<name>.*)`"
 
@@ -101,24 +102,7 @@ def check_value(name: str, value: Any, source: str) -> None:
 
 def read(file: Path, hint: str = _WRITTEN) -> dict[str, Any]:
     """Read the unchecked tables of a TOML file; raises Invalid, with `hint` if it is unreadable."""
-    return parse(read_text(file, hint), str(file))
-
-
-def read_text(file: Path, hint: str = _WRITTEN) -> str:
-    """Read a file's text with its line ends unchanged; raises Invalid if it cannot be read."""
-    try:
-        with file.open("rb") as opened:
-            # Pipes are allowed, but a device such as /dev/zero never ends.
-            data = opened.read(_MOST_BYTES + 1)
-        if len(data) > _MOST_BYTES:
-            raise Invalid(f"{file} is too large: it has more than 1 MB", hint)
-        # Editors of Windows begin a text with a byte order mark.
-        is_utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
-        return data.decode("utf-16" if is_utf16 else "utf-8-sig")
-    except OSError as error:
-        raise Invalid(f"{file} cannot be read: {error.strerror}", hint) from error
-    except UnicodeDecodeError as error:
-        raise Invalid(f"{file} is not TOML: {error}", "TOML is written in UTF-8") from error
+    return parse(read_text(file, hint).text, str(file))
 
 
 def parse(text: str, source: str) -> dict[str, Any]:
@@ -130,7 +114,12 @@ def parse(text: str, source: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise Invalid(f"{source} is not TOML: {error}", "see the line and column named") from error
+        import re
+
+        named = re.search(r"at line (\d+)", str(error))
+        line = text.splitlines()[int(named[1]) - 1] if named else ""
+        hint = _DIGITS if re.search(_HALF, line) else "see the line and column named"
+        raise Invalid(f"{source} is not TOML: {error}", hint) from error
 
 
 def _explain(text: str, source: str) -> Invalid:

@@ -1,6 +1,7 @@
 """Dotted names of values, as users write them: `safety.virtual_cage.x=3`."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 from quadctl.services.runtime.errors import Invalid
@@ -18,6 +19,7 @@ _BOOLS = {"true": True, "false": False, "True": True, "False": False}
 
 _LONGEST = 400
 """Characters of a number: Python refuses integers of more than 4300 digits."""
+_IN_NUMBERS = frozenset("0123456789+-.eE")
 MOST_PARTS = 50
 _ENDLESS_KEY = rf"""(?:\.[ \t]*+(?:"[^"\n]*+"|'[^'\n]*+'|[\w-]++)[ \t]*+){{{MOST_PARTS}}}"""
 
@@ -33,20 +35,16 @@ def has_endless_key(text: str) -> bool:
 
 
 def _number(text: str) -> int | float | None:
-    """Parse a plain decimal number as TOML does; None for any other text."""
-    if len(text) > _LONGEST:
-        return None
-    digits = text.removeprefix("-")
-    whole, dot, rest = digits.partition(".")
-    if not (digits.isascii() and whole.isdecimal() and (whole == "0" or whole[0] != "0")):
-        return None
-    if not dot:
-        return int(text)
-    return float(text) if rest.isdecimal() else None
+    """Parse a decimal number, also `.5`, `5.` and `007`, which TOML refuses; None for other text."""
+    if len(text) <= _LONGEST and _IN_NUMBERS.issuperset(text):
+        for kind in (int, float):
+            with suppress(ValueError):
+                return kind(text)
+    return None
 
 
 def value_of(text: str) -> Any:
-    """Parse a value from a command line: TOML's notation, ROS's True and False, or a word."""
+    """Parse a value from a command line: a number, TOML's notation, ROS's True and False, or a word."""
     if text in _BOOLS:
         return _BOOLS[text]
     if (number := _number(text)) is not None:

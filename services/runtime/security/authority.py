@@ -20,7 +20,8 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.files import making
 from quadctl.services.runtime.security.identity import (
     CERTIFICATE,
     FLEET,
@@ -159,11 +160,9 @@ def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
 
 def _write(path: Path, data: bytes) -> None:
     """Create the file so that at no time any other user can read it."""
-    try:
+    with making(path):
         path.unlink(missing_ok=True)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
             file.write(data)
-    except OSError as error:
-        raise QuadctlError(f"{path} cannot be written: {error.strerror}") from error
     if sys.platform != "win32":
         path.chmod(0o600)

@@ -12,6 +12,7 @@ import msgspec
 from quadctl.schemas.roles import Role
 from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.filelock import FileLock
+from quadctl.services.runtime.files import write_whole
 from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.realm import vehicle_name, write_atomically
 from quadctl.services.runtime.security.authority import Authority, hosts_here
@@ -90,7 +91,7 @@ class Registry:
             others = [known for known in self.names() if known.name not in vehicles_of]
             for name in made:
                 authority.issue(name, hosts, self.folder_of(name))
-                self._write(self.folder_of(name) / ABOUT, msgspec.json.encode(name))
+                write_whole(self.folder_of(name) / ABOUT, msgspec.json.encode(name))
             self._save([*others, *made])
         return made
 
@@ -121,12 +122,6 @@ class Registry:
             raise QuadctlError(
                 f"the list of names cannot be written: {error.strerror}", "is the disk full?"
             ) from error
-
-    def _write(self, path: Path, data: bytes) -> None:
-        try:
-            write_atomically(path, data)
-        except OSError as error:
-            raise QuadctlError(f"{path} cannot be written: {error.strerror}") from error
 
     def _lock(self) -> FileLock:
         self.names()

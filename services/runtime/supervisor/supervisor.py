@@ -42,7 +42,7 @@ class ManagedProcess:
         )
         self.child: Child | None = None
         self._due: float | None = 0.0
-        self._started = 0.0
+        self._started = self._began = 0.0
         self._kill_at: float | None = None
         self._waits = WaitMeter()
         self._lines: list[LogLine] = []
@@ -50,8 +50,11 @@ class ManagedProcess:
 
     def record(self) -> ProcessRecord:
         """Return the process's row of the run's state."""
-        pid, started = (self.child.pid, self._started) if self.child else (0, 0.0)
-        return ProcessRecord(self.process.name, pid, self.life.state, self.life.restarts, started)
+        life, name = self.life, self.process.name
+        if self.child is None:
+            return ProcessRecord(name, 0, life.state, life.restarts)
+        started, began = self._started, self._began
+        return ProcessRecord(name, self.child.pid, life.state, life.restarts, started, began)
 
     def update(self, now: float, *, offline: bool, timeout: float) -> None:
         """Start it when due, reap it if it has ended, kill it if it has timed out.
@@ -60,7 +63,7 @@ class ManagedProcess:
         """
         if self.child is None:
             if self._due is not None and now >= self._due:
-                self._due, self._started = None, time.time()
+                self._due, self._started, self._began = None, time.time(), time.monotonic()
                 self.life.started(now)
                 self.child = self._spawn(self.process, self.life.restarts)
             return

@@ -195,7 +195,7 @@ def test_a_flight_is_drawn(quadctl: Quadctl, tmp_path: Path):
         ("plot", 2),
         (f"plot {FLOWN} --live", 2),
         (f"plot {FLOWN} -o flight.jpg", 6),
-        (f"plot {FLOWN} -o no/such/folder/f.png", 1),
+        (f"plot {FLOWN} -o no/such/folder/f.png", 6),
         ("plot --live --duration 0", 6),
         ("record --duration 0", 6),
         ("record a//b", 6),

@@ -21,7 +21,7 @@ from quadctl.services.runtime.supervisor.control import stop_run
 
 PID = 1 << 22
 """Above all that Linux gives to processes."""
-RUN = RunState("lab", PID, ["uav"], [ProcessRecord("hub", PID + 1, "ready", 0, 1.5)])
+RUN = RunState("lab", PID, ["uav"], [ProcessRecord("hub", PID + 1, "ready", 0, 1.5, 0.5)])
 
 
 @pytest.fixture
@@ -139,7 +139,16 @@ def test_the_record_has_the_format_of_status(realm: Realm):
         "realm": "lab",
         "pid": PID,
         "vehicles": ["uav"],
-        "nodes": [{"name": "hub", "pid": PID + 1, "state": "ready", "restarts": 0, "started": 1.5}],
+        "nodes": [
+            {
+                "name": "hub",
+                "pid": PID + 1,
+                "state": "ready",
+                "restarts": 0,
+                "started": 1.5,
+                "began": 0.5,
+            }
+        ],
         "lockstep": False,
         "folder": "",
     }

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -156,6 +157,8 @@ def test_set_accepts_the_output_of_get(value: Any):
         ("true", '"true"'),
         ("True", '"True"'),
         ("3", '"3"'),
+        (".5", '".5"'),
+        ("007", '"007"'),
         ("", '""'),
         (" padded", '" padded"'),
         ("two\nlines", r'"two\nlines"'),
@@ -167,14 +170,22 @@ def test_a_value_is_formatted_as_a_word(value: Any, text: str):
     assert catalogue.word(value) == text
 
 
+def as_python(text: str) -> int | float | str:
+    """Return the number that Python reads in a text, else the text."""
+    for kind in (int, float):
+        with suppress(ValueError):
+            return kind(text)
+    return text
+
+
 @settings(max_examples=400)
 @given(st.text("-+0179._e", min_size=1, max_size=7))
-def test_a_plain_number_is_read_as_toml_reads_it(text: str):
+def test_a_number_is_read_as_toml_reads_it_or_else_as_python_does(text: str):
+    found = value_of(text)
     try:
         expected = tomllib.loads(f"value = {text}")["value"]
     except ValueError:
-        expected = text
-    found = value_of(text)
+        expected = text if "_" in text else as_python(text)
     assert (type(found), str(found)) == (type(expected), str(expected))
 
 

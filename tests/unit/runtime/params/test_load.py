@@ -129,7 +129,7 @@ def test_a_missing_or_binary_file_is_refused(tmp_path: Path):
     assert "cannot be read: Is a directory" in refused(tmp_path).message
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
-    assert "is not TOML" in refused(binary).message
+    assert "is not a text" in refused(binary).message
 
 
 @pytest.mark.parametrize(

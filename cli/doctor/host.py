@@ -119,15 +119,11 @@ def load(
     return passed("load", f"{sum(cores.values()):.0%} of a core, {memory / MB:.0f} MB in all")
 
 
-_LAST_LINES = 5
-"""Lines shown of a dead process's log."""
-
-
 class Folder(NamedTuple):
     """Facts about a realm's folder; `mode` is None if it is missing or the system has no modes.
 
     `live`: a supervisor holds it, `holder` is the pid in the lock. `by_hand`: a process of it runs
-    without a supervisor. `socket`: the hub's socket exists. `last`: last lines of each node's log.
+    without a supervisor. `socket`: the hub's socket exists. `logs`: lines of each node's log.
     """
 
     path: str
@@ -137,7 +133,7 @@ class Folder(NamedTuple):
     by_hand: bool
     socket: bool
     run: RunState | None
-    last: dict[str, str]
+    logs: dict[str, list[str]]
 
 
 class Neighbours(NamedTuple):
@@ -164,7 +160,9 @@ def folder(realm: Realm) -> Folder:
         by_hand=_is_held(realm.folder),
         socket=realm.socket.exists() or "unixsock" not in _text(realm.address),
         run=run,
-        last={node.name: _last(realm.logs, node.name) for node in run.nodes} if run else {},
+        logs={node.name: _text(realm.logs / f"{node.name}.log").splitlines() for node in run.nodes}
+        if run
+        else {},
     )
 
 
@@ -203,7 +201,3 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
-
-
-def _last(logs: Path, name: str) -> str:
-    return "\n".join(_text(logs / f"{name}.log").splitlines()[-_LAST_LINES:])

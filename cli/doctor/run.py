@@ -14,9 +14,13 @@ from quadctl.services.runtime.params.load import load_vehicles
 from quadctl.services.runtime.params.names import flatten
 from quadctl.services.runtime.realm import listed
 from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.supervisor.logs import ABOUT
 
 FILE = Path("quad.toml")
 _SHOWN = 5
+_ENDED = " ended ("
+_LAST_LINES = 5
+"""Lines shown of the log of a process that is down."""
 _DEFAULTS = "the defaults"
 
 
@@ -142,13 +146,14 @@ def nodes(found: Folder, processes: Mapping[str, ProcessFacts]) -> Iterator[Find
     """Check each process of the run record."""
     for record in found.run.nodes if found.run and found.live else ():
         process = processes.get(record.name, ProcessFacts(""))
-        yield node(record, process, found.last.get(record.name, ""))
+        yield node(record, process, found.logs.get(record.name, []))
 
 
-def node(record: ProcessRecord, process: ProcessFacts, last: str) -> Finding:
-    """Check one process: ready, alive, not frozen, not restarted."""
+def node(record: ProcessRecord, process: ProcessFacts, log: Sequence[str]) -> Finding:
+    """Check one process: ready, alive, not frozen, not restarted; `log` are the lines of its log."""
     title, name, pid = f"node {record.name}", record.name, record.pid
     if record.state == "down":
+        last = "\n".join(log[-_LAST_LINES:])
         evidence = "down: it died again and again" + (f"; its last lines:\n{last}" if last else "")
         return failed(title, evidence, f"`quadctl node logs {name}`, `quadctl node restart {name}`")
     if record.state != "ready":
@@ -160,6 +165,27 @@ def node(record: ProcessRecord, process: ProcessFacts, last: str) -> Finding:
         return failed(title, evidence, f"`kill -CONT {pid}`, or `quadctl node restart {name}`")
     if record.restarts:
         times = "once" if record.restarts == 1 else f"{record.restarts} times"
-        evidence = f"ready, process {pid}, restarted {times}"
-        return warned(title, evidence, f"`quadctl node logs {name}` shows why")
+        why = ending(log)
+        evidence = f"ready, process {pid}, restarted {times}{f': {why}' if why else ''}"
+        return warned(title, evidence, f"`quadctl node logs {name}` shows more")
     return passed(title, f"ready, process {pid}")
+
+
+def ending(log: Sequence[str]) -> str:
+    """Return why a process ended the last time: its last exception, and the supervisor's lines.
+
+    Empty if its log has no such line.
+    """
+    ends = [number for number, line in enumerate(log) if line.startswith(ABOUT)]
+    if not ends:
+        return ""
+    told = ends[-1:]
+    # Of a process that it kills, the supervisor logs the cause first, then the end.
+    if len(ends) > 1 and ends[-2] == ends[-1] - 1 and _ENDED not in log[ends[-2]]:
+        told = ends[-2:]
+    before = [number for number in ends if number < told[0]]
+    life = log[before[-1] + 1 if before else 0 : told[0]]
+    traces = [number for number, line in enumerate(life) if line.startswith("Traceback (")]
+    after = life[traces[-1] + 1 :] if traces else ()
+    raised = next((line for line in after if line and not line[0].isspace()), "")
+    return "; ".join(filter(None, (raised, *(log[n].removeprefix(ABOUT) for n in told))))

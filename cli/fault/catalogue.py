@@ -5,7 +5,11 @@ from typing import Any, NamedTuple
 
 
 class Fault(NamedTuple):
-    """Fault: its node and parameter, the value that causes it, and the value without it."""
+    """Fault: its node and parameter, the value that causes it, and the value without it.
+
+    `size` is the parameter of its size, empty for a fault without one, and `parameter` itself where
+    a number is the fault.
+    """
 
     name: str
     about: str
@@ -13,33 +17,55 @@ class Fault(NamedTuple):
     parameter: str
     value: Any
     sound: Any
+    size: str = ""
+
+    def values(self, size: float | None) -> dict[str, Any]:
+        """Return the parameters that cause it, with a size if one is given."""
+        return {self.parameter: self.value} | ({} if size is None else {self.size: size})
+
+    def cleared(self, launched: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the parameters without it; the size is that of the launch again."""
+        return {name: launched[name] for name in [self.size] if name in launched} | {
+            self.parameter: self.sound
+        }
 
 
-def _barometer(kind: str, about: str) -> Fault:
-    return Fault(f"barometer-{kind}", about, "pressure", "pressure.fault.kind", kind, "none")
+def _barometer(kind: str, about: str, size: str = "") -> Fault:
+    return Fault(f"barometer-{kind}", about, "pressure", "pressure.fault.kind", kind, "none", size)
 
 
-def _pose(kind: str, about: str) -> Fault:
-    return Fault(f"pose-{kind}", about, "dynamics", "dynamics.fault.pose", kind, "none")
+def _pose(kind: str, about: str, size: str = "") -> Fault:
+    return Fault(f"pose-{kind}", about, "dynamics", "dynamics.fault.pose", kind, "none", size)
 
 
 FAULTS = (
     _barometer("stuck", "the barometer shows its last value again and again"),
     _barometer("off", "the barometer gives no readings"),
-    _barometer("glitch", "the barometer has spikes now and then"),
-    _barometer("delay", "the barometer shows old values"),
+    _barometer(
+        "glitch", "the barometer has spikes now and then, of SIZE hPa", "pressure.fault.magnitude"
+    ),
+    _barometer("delay", "the barometer shows values of SIZE s ago", "pressure.fault.delay"),
     _pose("frozen", "the reported pose is the last one again and again"),
-    _pose("delayed", "the reported pose is an old one"),
-    _pose("jump", "the reported pose is off the true place"),
+    _pose("delayed", "the reported pose is that of SIZE s ago", "dynamics.fault.delay"),
+    _pose("jump", "the reported pose is SIZE m off the true place, in x", "dynamics.fault.jump"),
     Fault(
         "motor-weak",
-        "the motors give less thrust than the controller knows of",
+        "the motors give SIZE of the thrust, 0.5 to 1, unknown to the controller",
         "dynamics",
         "dynamics.fault.motors",
         0.9,
         1.0,
+        "dynamics.fault.motors",
     ),
-    Fault("gust", "gusts of wind", "dynamics", "dynamics.wind.gust", 2.0, 0.0),
+    Fault(
+        "gust",
+        "gusts of wind, of SIZE m/s (RMS)",
+        "dynamics",
+        "dynamics.wind.gust",
+        2.0,
+        0.0,
+        "dynamics.wind.gust",
+    ),
 )
 
 OF_PROCESSES = {

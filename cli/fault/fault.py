@@ -75,25 +75,38 @@ def list_(options: Options) -> None:
 def inject(
     options: Options,
     name: Annotated[str, Arg("A fault of `fault list`; for NODE-killed e.g. safety-killed.")],
+    size: Annotated[
+        float | None, Arg("Its SIZE, as `fault list` has it (default: as the parameters have it).")
+    ] = None,
 ) -> None:
     """Put a fault in: a parameter of the simulation, or a signal to a process.
 
-    Parameters set its size, e.g. pressure.fault.magnitude; see `param describe dynamics.fault`.
+    `fault clear` takes it out, and its size, too.
 
-    Example: quadctl fault inject barometer-stuck
+    Example: quadctl fault inject barometer-glitch 5
     """
     gone = ""
     node, _, what = name.rpartition("-")
     if name == BUS_CUT:
         node, what = "hub", "frozen"
     if node in NODES and what in OF_PROCESSES:
+        if size is not None:
+            raise _without_size(name)
         signalled(options, node, OF_PROCESSES[what][0])
     else:
         fault = _named(name)
+        if size is not None and not fault.size:
+            raise _without_size(name)
+        if size == fault.sound:
+            raise Invalid(f"{name} {size:g} is no fault", "`quadctl fault clear` takes it out")
         with context.connect(options) as client:
-            gone = _put(client, fault)
+            gone = _put(client, fault, size)
     text = f"{name} is in" + (f", in place of {gone}" if gone else "")
     output.either(options, {"injected": name}, text)
+
+
+def _without_size(name: str) -> UsageError:
+    return UsageError(f"{name} has no size", "`quadctl fault list` shows which faults have a SIZE")
 
 
 def clear(
@@ -113,24 +126,38 @@ def clear(
     for found in thawed:
         signalled(options, found.removesuffix("-frozen"), "CONT")
     if named:
+        launched = _launched(options)
         with context.connect(options) as client:
             for fault in named:
-                _set(client, fault, fault.sound)
+                _set(client, fault, fault.cleared(launched))
     gone = [*thawed, *(fault.name for fault in named)]
     text = "\n".join(f"{one} is out" for one in gone) or "no fault is in"
     output.either(options, {"cleared": gone}, text)
 
 
-def _put(client: "Client", fault: Fault) -> str:
+def _launched(options: Options) -> dict[str, Any]:
+    """Return the parameters of the launch, with --connect the defaults: the file is elsewhere."""
+    if options.connect:
+        from msgspec import to_builtins
+
+        from quadctl.schemas.params import Params
+
+        return dict(flatten(to_builtins(Params())))
+    return dict(flatten(run_files.launch_tables(Realm(options.realm), options.vehicle)))
+
+
+def _put(client: "Client", fault: Fault, size: float | None) -> str:
     """Put a fault in and return the one that it replaces: a parameter causes one at a time."""
     ends = time.monotonic() + client.timeout
     values = client.call(get_params(fault.node), GetParamsRequest([fault.parameter])).values
-    _set(client, fault, fault.value, max(ends - time.monotonic(), 0.001))
+    _set(client, fault, fault.values(size), max(ends - time.monotonic(), 0.001))
     return next((name for name in active(values) if name != fault.name), "")
 
 
-def _set(client: "Client", fault: Fault, value: object, timeout: float | None = None) -> None:
-    request = SetParamsRequest({fault.parameter: value})
+def _set(
+    client: "Client", fault: Fault, values: dict[str, Any], timeout: float | None = None
+) -> None:
+    request = SetParamsRequest(values)
     reply = client.call(set_params(fault.node), request, timeout)
     if not reply.success:
         raise Invalid(reply.reason, "nothing was changed")

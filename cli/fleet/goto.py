@@ -105,7 +105,6 @@ def _moved(places: Places, by: Position) -> dict[str, Position]:
 
 _GOAL = "X Y Z | FORMATION [X Y Z] | VEHICLE=X,Y,Z .."
 _WHY = "`quadctl fleet list` shows all; one vehicle's cage: `quadctl cage show --vehicle`"
-_BUSY = "`--replace` changes course; `quadctl fleet hold` stops all"
 
 
 def goto(
@@ -268,7 +267,8 @@ class _Flights:
             if not self._options.json:
                 output.line(f"{name}: {verdict}")
             if not flight.accepted:
-                hint = _BUSY if flight.reason.startswith("busy") else _WHY
+                ours = flight.refusal().hint.replace("quadctl hold", "quadctl fleet hold")
+                hint = ours if flight.reason.startswith(("busy", "separation")) else _WHY
                 self.problems[name] = Refused(flight.reason, hint)
         flying = [m for m in members if (one := self.answers.get(m.name)) and one.accepted]
         if flying and self._follow:

@@ -84,7 +84,7 @@ def _watch(
     except QuadctlError as problem:
         return problem
     except KeyboardInterrupt:
-        output.note("stopped waiting: the flight goes on; `quadctl hold` stops it")
+        output.note(f"stopped waiting: {flight.goes_on()}")
         raise
     return None
 

@@ -22,12 +22,18 @@ def tables(realm: Realm, vehicle: str) -> dict[str, Any]:
     One file has all tables of the launch, and each table that a node changed has its own: a run
     of many vehicles begins with few files.
     """
+    found = launch_tables(realm, vehicle)
+    for file in changed(realm, vehicle).glob("[!.]*.json") if found else ():
+        found[file.stem] = msgspec.json.decode(file.read_bytes())
+    return found
+
+
+def launch_tables(realm: Realm, vehicle: str) -> dict[str, Any]:
+    """Return a vehicle's tables of the launch by name; none without such a vehicle or a run."""
     try:
         found: dict[str, Any] = msgspec.json.decode(launched(realm, vehicle).read_bytes())
     except FileNotFoundError:
         return {}
-    for file in changed(realm, vehicle).glob("[!.]*.json"):
-        found[file.stem] = msgspec.json.decode(file.read_bytes())
     return found
 
 

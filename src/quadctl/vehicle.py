@@ -8,7 +8,8 @@ flight.wait()
 import math
 import reprlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Generic, Literal, Self, TypeVar, overload
 from weakref import finalize
@@ -35,11 +36,12 @@ from quadctl.schemas.topics import (
     STATE,
     TOGGLE_CAGE,
     TOPICS,
+    Service,
     Topic,
     get_params,
 )
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import Invalid, Refused, TimedOut
+from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
 from quadctl.services.runtime.typed import converted
 
 if TYPE_CHECKING:
@@ -174,15 +176,25 @@ def restless(timeout: float, since: str = "") -> TimedOut:
     )
 
 
-def hint_for(reason: str) -> str:
-    """Return what to do about a goal that safety refused for this reason."""
+def hint_for(reason: str, request: GotoRequest, offers: Collection[str]) -> str:
+    """Return what to do about a goal that safety refused for this reason.
+
+    `offers` are the vehicle's keys that a node offers: a student's node may not serve all of ours,
+    and what the request has tried already is no remedy.
+    """
+    ways: list[str] = []
     if reason.startswith("busy"):
-        return "`--replace` changes course; `quadctl hold` stops"
+        ways += [] if request.replace else ["`--replace` changes course"]
+        ways += ["`quadctl hold` stops"] if _is_offered(HOLD, offers) else []
+        return "; ".join(ways) or "`quadctl state --watch` shows when the vehicle has arrived"
     if reason.startswith("separation"):
-        return (
-            "`--wait` waits until a vehicle that flies has passed; `quadctl fleet list` shows all"
-        )
+        ways += [] if request.wait else ["`--wait` waits until a vehicle that flies has passed"]
+        return "; ".join([*ways, "`quadctl fleet list` shows all"])
     return "`quadctl cage show` and `quadctl state` show more"
+
+
+def _is_offered(service: Service[Any, Any], offers: Collection[str]) -> bool:
+    return any(key.endswith(f"/@srv/{service.name}") for key in offers)
 
 
 def hovers(state: SafetyState) -> bool:
@@ -203,7 +215,8 @@ class Flight:
 
     def __init__(self, client: Client, request: GotoRequest, timeout: float | None = None) -> None:
         """Request the goal; raise what Client.call raises. `timeout` (s) is for the verdict."""
-        self._client, self._goal = client, Position(request.x, request.y, request.z)
+        self._client, self._request = client, request
+        self._goal = Position(request.x, request.y, request.z)
         self._is_held = False
         self._arrived, self._reason = False, ""
         self._distance, self._seconds = math.inf, 0.0
@@ -293,7 +306,7 @@ class Flight:
             if left <= 0:
                 raise TimedOut(
                     f"not there after {timeout:.1f} s: {self._distance:.2f} m to go",
-                    "the flight goes on; `quadctl hold` stops it, --arrive (in Python timeout=) waits longer",
+                    f"{self.goes_on()}; --arrive (in Python timeout=) waits longer",
                 )
             message = self._messages.next(min(left, self._client.timeout))
             if message is not None:
@@ -331,7 +344,18 @@ class Flight:
         if self.accepted:
             text = f"the flight was stopped: {self._reason}"
             return Refused(text, "`quadctl state` shows more", reason=self._reason)
-        return Refused(self._reason, hint_for(self._reason), reason=self._reason)
+        hint = hint_for(self._reason, self._request, self._offers())
+        return Refused(self._reason, hint, reason=self._reason)
+
+    def goes_on(self) -> str:
+        """Return the text for a flight that nobody waits for any more, with the way to stop it."""
+        stop = _is_offered(HOLD, self._offers())
+        return "the flight goes on" + ("; `quadctl hold` stops it" if stop else "")
+
+    def _offers(self) -> set[str]:
+        with suppress(QuadctlError):
+            return {offer.key for offer in self._client.endpoints("@srv")}
+        return set()
 
     @property
     def _is_over(self) -> bool:

@@ -49,6 +49,33 @@ def test_list_status_and_doctor_show_an_injected_fault(faulty: Lab, healthy: Bar
     assert faulty.quadctl("fault", "clear").out == "no fault is in\n"
 
 
+def test_a_fault_takes_its_size_in_one_command_and_loses_it_when_cleared(
+    faulty: Lab, healthy: Bare
+):
+    names = ("pressure.fault", "dynamics.fault")
+    before = faulty.quadctl("param", "get", *names).out
+    for line, name, value in (
+        ("barometer-glitch 5", "pressure.fault.magnitude", "5.0"),
+        ("pose-jump -.5", "dynamics.fault.jump", "-0.5"),
+        ("motor-weak 0.8", "dynamics.fault.motors", "0.8"),
+    ):
+        done = faulty.quadctl("fault", "inject", *line.split())
+        assert done == (0, f"{line.partition(' ')[0]} is in\n", "")
+        assert faulty.quadctl("param", "get", name).out == f"{value}\n"
+    assert faulty.quadctl("fault", "clear").code == 0
+    assert faulty.quadctl("param", "get", *names).out == before
+    for line, code, what in (
+        ("barometer-stuck 5", 2, "barometer-stuck has no size"),
+        ("safety-killed 5", 2, "safety-killed has no size"),
+        ("motor-weak 1", 6, "is no fault"),
+        ("barometer-glitch 1e9", 6, "<= 100"),
+        ("barometer-glitch five", 2, "five"),
+    ):
+        refused = faulty.quadctl("fault", "inject", *line.split())
+        assert (refused.code, what in refused.err) == (code, True), refused
+    assert faulty.quadctl("param", "get", *names).out == before
+
+
 @pytest.mark.thorough
 def test_inject_names_the_fault_that_it_replaces(faulty: Lab, healthy: Bare):
     for name, told in (

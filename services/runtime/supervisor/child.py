@@ -26,11 +26,15 @@ _OLD_IMPORT = re.compile(r"ModuleNotFoundError: No module named '(schemas|servic
 
 
 class LogLine(NamedTuple):
-    """A line, with the Unix time (s) at which it was read and the name of its process."""
+    """A line, with the Unix time (s) at which it was read and the name of its process.
+
+    A line of the supervisor's may be `about` another process.
+    """
 
     at: float
     name: str
     line: str
+    about: str = ""
 
 
 class LineBuffer:

@@ -109,6 +109,8 @@ class LogFile:
 
 _COLOURS = (36, 32, 33, 35, 34, 96, 92, 93)
 _LAST_LINES = 20
+ABOUT = "up: "
+"""Begin of the supervisor's lines in the log of the process that they are about."""
 
 Emit = Callable[[str, str, float], None]
 """Function that shows a process's line: name, line, Unix time (s) at which it was read."""
@@ -155,15 +157,21 @@ class Logs:
         self._earlier: dict[str, deque[str]] = {}
         self.disk = DiskFault(folder.parent, lambda line: emit("up", line, time.time()))
 
-    def show(self, name: str, line: str, at: float | None = None) -> None:
-        """Log one line of a process, read now or at `at` (Unix time, s)."""
+    def show(self, name: str, line: str, at: float | None = None, about: str = "") -> None:
+        """Log one line of a process, read now or at `at` (Unix time, s).
+
+        A line `about` another process is also written to that one's file, where its users look.
+        """
+        self._write(name, line)
+        if about:
+            self._write(about, f"{ABOUT}{line}")
+        self._last.setdefault(name, deque(maxlen=_LAST_LINES)).append(line)
+        self._emit(name, line, time.time() if at is None else at)
+
+    def _write(self, name: str, line: str) -> None:
         if name not in self._files:
             self._files[name] = LogFile(self._folder / f"{name}.log")
-            self._last[name] = deque(maxlen=_LAST_LINES)
-        file = self._files[name]
-        self.disk.write(lambda: file.write(line))
-        self._last[name].append(line)
-        self._emit(name, line, time.time() if at is None else at)
+        self.disk.write(lambda: self._files[name].write(line))
 
     def begin(self, name: str) -> None:
         """Note that a process is started again: its last lines are those of this attempt."""

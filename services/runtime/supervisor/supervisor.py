@@ -147,7 +147,7 @@ class ManagedProcess:
         self._log(f"{self.process.name} ended ({how}): {then}")
 
     def _log(self, line: str) -> None:
-        self._lines.append(LogLine(time.time(), "up", line))
+        self._lines.append(LogLine(time.time(), "up", line, self.process.name))
 
 
 _LOOK_EVERY = 0.1
@@ -357,8 +357,8 @@ class Supervisor:
 
     def _show(self) -> None:
         lines = [line for row in self._rows.values() for line in row.take_output()]
-        for at, name, line in sorted(lines, key=lambda line: line.at):
-            self._logs.show(name, line, at)
+        for line in sorted(lines, key=lambda line: line.at):
+            self._logs.show(line.name, line.line, line.at, line.about)
 
     def _write_record(self) -> None:
         rows = self.rows()

@@ -153,6 +153,56 @@ def test_leftover_folders_are_found():
     assert (verdict(left), left.fix) == ("WARN", "`rm -r /run/b /run/c`")
 
 
+CRASH = """\
+flying
+Traceback (most recent call last):
+  File "mine.py", line 3, in <module>
+    1 / 0
+ZeroDivisionError: division by zero
+up: pressure ended (exit 1): restarting in 0.1 s
+flying
+"""
+HANDLED = """\
+up: pressure ended (exit 1): restarting in 0.1 s
+Traceback (most recent call last):
+  File "mine.py", line 3, in step
+ValueError: once
+
+During handling of the above exception, another exception occurred:
+
+Traceback (most recent call last):
+  File "mine.py", line 5, in step
+KeyError: 'twice'
+up: pressure: no answer for 2 s: killed
+"""
+
+
+@pytest.mark.parametrize(
+    ("log", "why"),
+    [
+        ("", ""),
+        ("flying\n", ""),
+        ("up: pressure: restart requested\n", "pressure: restart requested"),
+        (
+            CRASH,
+            "ZeroDivisionError: division by zero; pressure ended (exit 1): restarting in 0.1 s",
+        ),
+        (HANDLED, "KeyError: 'twice'; pressure: no answer for 2 s: killed"),
+        (
+            CRASH
+            + "up: pressure: no answer for 2 s: killed\nup: pressure ended (SIGKILL): left down\n",
+            "pressure: no answer for 2 s: killed; pressure ended (SIGKILL): left down",
+        ),
+        (CRASH + "up: pressure ended (exit 2): left down", "pressure ended (exit 2): left down"),
+        (CRASH + "up: pressure: restart requested\n", "pressure: restart requested"),
+    ],
+)
+def test_the_cause_of_a_restart_is_the_last_exception_and_the_supervisors_line(log: str, why: str):
+    assert run.ending(log.splitlines()) == why
+    check = run.node(replace(READY, restarts=1), ProcessFacts("S"), log.splitlines())
+    assert check.evidence.endswith(f"restarted once: {why}" if why else "restarted once")
+
+
 @pytest.mark.parametrize(
     ("expected", "text", "state", "restarts", "process"),
     [
@@ -170,7 +220,7 @@ def test_each_node_state_has_its_verdict(
     expected: str, text: str, state: Any, restarts: int, process: str
 ):
     record = replace(READY, state=state, restarts=restarts)
-    check = run.node(record, ProcessFacts(process), "no wings")
+    check = run.node(record, ProcessFacts(process), ["no wings"])
     assert verdict(check) == expected
     assert text in check.evidence
     assert expected == "PASS" or "pressure" in check.fix

@@ -1,4 +1,4 @@
-"""Concurrent calls: a late answer times out and delays no other."""
+"""Concurrent calls: a late answer is left out and delays no other."""
 
 import json
 import threading
@@ -24,7 +24,7 @@ def test_answers_and_problems_keep_the_order_of_the_calls():
 
 
 @pytest.mark.parametrize("names", [["late"], ["quick", "late"]])
-def test_a_late_answer_times_out_without_delaying_the_others(names: list[str]):
+def test_a_late_answer_is_left_out_without_delaying_the_others(names: list[str]):
     enough = threading.Event()
 
     def ask(name: str) -> str:
@@ -34,7 +34,7 @@ def test_a_late_answer_times_out_without_delaying_the_others(names: list[str]):
 
     result = ask_each(names, ask, within=0.1)
     assert list(result.answers) == names[:-1]
-    assert result.problems["late"].code == "timeout"
+    assert result.problems == {}
     enough.set()
 
 

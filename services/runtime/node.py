@@ -24,6 +24,7 @@ from quadctl.services.runtime.bus.raw import RawListener, RawMessage, RecorderSu
 from quadctl.services.runtime.errors import AlreadyServed, Refused
 from quadctl.services.runtime.executor import Executor
 from quadctl.services.runtime.server import MOST, CallLog, Schedule, Server
+from quadctl.services.runtime.typed import require
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -114,7 +115,7 @@ class Node:
         answer to the first would else interrupt the others. Raises NotAllowed if a guarded node may
         not publish the topic.
         """
-        _require(topic, Topic, "STATE")
+        require(topic, Topic, "STATE")
         key = topic.key(self.vehicle)
         self._check("publish", key)
         self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
@@ -141,7 +142,7 @@ class Node:
         not wake the loop is handled at its next call or tick. In a node that follows simulated
         time, it advances to each pose before the pose's handler runs.
         """
-        _require(topic, Topic, "POSE_SLOW")
+        require(topic, Topic, "POSE_SLOW")
         advances = handler is not None and self._follows and topic in _POSES
         if handler is not None and advances:
             handler, depth = self._advancing(handler), _ALL
@@ -193,6 +194,7 @@ class Node:
         Raises NotAllowed if the role of our certificate does not permit the call, or a guarded node
         may not make it.
         """
+        require(service, Service, "GOTO")
         if self._connect:
             from quadctl.services.runtime.security import permissions
 
@@ -202,6 +204,7 @@ class Node:
 
     def latest(self, topic: Topic[M], timeout: float) -> M:
         """Return the last message of a latched topic; it blocks and raises as `latest` does."""
+        require(topic, Topic, "STATE")
         return latest(self._session, topic, topic.key(self.vehicle), timeout)
 
     def serve(
@@ -212,7 +215,7 @@ class Node:
         With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises
         AlreadyServed when another node serves it, NotAllowed if a guarded node may not.
         """
-        _require(service, Service, "TOGGLE_CAGE")
+        require(service, Service, "TOGGLE_CAGE")
         self._check("serve", service.key(self.vehicle))
         journal = None
         if not service.reads:
@@ -458,14 +461,6 @@ class _VehicleLog(logging.LoggerAdapter[logging.Logger]):
 
     def process(self, msg: Any, kwargs: Any) -> Any:
         return f"{self._vehicle}: {msg}", kwargs
-
-
-def _require(given: Any, kind: type, example: str) -> None:
-    """Raise TypeError if a program names a topic or service by a text, as in other systems."""
-    if not isinstance(given, kind):
-        raise TypeError(
-            f"{given!r} is no {kind.__name__}: give one, e.g. {example} of quadctl.schemas.topics"
-        )
 
 
 def _wrong_reply(handler: Callable[..., Any], reply: Any, response: type) -> str:

@@ -13,6 +13,7 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.run_files import UNSERVED, not_running
+from quadctl.services.runtime.typed import argument, plain
 
 
 def nodes_with_params(client: Client) -> list[str]:
@@ -163,6 +164,7 @@ class ParamTable:
         self._client = client
 
     def __getitem__(self, name: str) -> Any:
+        argument("a parameter's name", name, str, "a text")
         found = RunningParams(self._client).get([name])
         return found.get(name, found)
 
@@ -177,13 +179,15 @@ class ParamTable:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Change parameters: all of them or none, of several nodes, too."""
+        argument("the values", values, Mapping, "a table by dotted name")
         running = RunningParams(self._client)
         live = running.nodes()
         by_node: dict[str, Values] = {}
         for name, value in values.items():
+            argument("a parameter's name", name, str, "a text")
             if name.partition(".")[0] in UNSERVED:
                 raise Invalid(f"{name} is fixed at launch", "give it to `launch(params=...)`")
-            by_node.setdefault(node_of(name, live), {})[name] = value
+            by_node.setdefault(node_of(name, live), {})[name] = plain(value)
         before = running.get(values) if len(by_node) > 1 else {}
         done: list[str] = []
         for node, wanted in by_node.items():

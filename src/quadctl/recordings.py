@@ -11,6 +11,7 @@ from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import DERIVED
+from quadctl.services.runtime.typed import argument
 
 Columns = dict[str, npt.NDArray[Any]]
 """Arrays by field, one row a message, and `received`: the time of the arrival, Unix s."""
@@ -60,6 +61,7 @@ def read(file: str | os.PathLike[str]) -> Recording:
     """
     rows: dict[str, list[Any]] = {}
     times: dict[str, list[int]] = {}
+    argument("file", file, (str, os.PathLike), "the path of a recording")
     bag = Bag(Path(file))
     for message in bag.messages(lambda channel: DERIVED not in channel.metadata):
         rows.setdefault(message.key, []).append(message.value)

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from numbers import Integral
 from pathlib import Path
 from secrets import token_hex
 from typing import Any, Self
@@ -11,7 +12,13 @@ from weakref import finalize
 from msgspec.structs import replace
 
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import AlreadyServed, QuadctlError, UsageError
+from quadctl.services.runtime.errors import (
+    AlreadyServed,
+    Invalid,
+    QuadctlError,
+    Unreachable,
+    UsageError,
+)
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.params.names import put
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, listed, vehicle_name
@@ -19,6 +26,7 @@ from quadctl.services.runtime.supervisor import capacity
 from quadctl.services.runtime.supervisor.control import stop_run
 from quadctl.services.runtime.supervisor.daemon import end, start_in_background
 from quadctl.services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.typed import argument, plain, positive_time
 from quadctl.services.runtime.vehicles import only_vehicle
 from quadctl.vehicle import Vehicle
 
@@ -45,9 +53,9 @@ class Run:
         except BaseException:
             self._stop()
             raise
-        self.vehicles: dict[str, Vehicle] = {
-            name: Vehicle(client.beside(name, timeout)) for name in launch.vehicles
-        }
+        self.vehicles = Vehicles(
+            (name, Vehicle(client.beside(name, timeout))) for name in launch.vehicles
+        )
 
     @property
     def vehicle(self) -> Vehicle:
@@ -57,8 +65,16 @@ class Run:
             raise UsageError(f"there are several vehicles: {names}", 'name one: vehicles["uav0"]')
         return next(iter(self.vehicles.values()))
 
+    def __repr__(self) -> str:
+        state = "running" if self._stop.alive else "ended"
+        return f"<run {self.realm} of {listed(list(self.vehicles))}, {state}>"
+
     def logs(self) -> dict[str, list[str]]:
-        """Return the lines that each process has logged so far, by its name."""
+        """Return the lines that each process has logged so far, by its name; raise after `close`."""
+        if not self._stop.alive:
+            raise Unreachable(
+                f"the run {self.realm} has ended, and its logs with it", "read them before close()"
+            )
         files = sorted(Realm(self.realm).logs.glob("*.log"))
         return {file.stem: file.read_text(errors="replace").splitlines() for file in files}
 
@@ -102,6 +118,7 @@ def launch(
     realm runs already, and QuadctlError, with the last lines of its log, for a node that fails.
     """
     with _one_traceback():
+        positive_time("timeout", timeout)
         plan = _plan(config, params or {}, vehicles, realm, processes or {}, record)
         try:
             return Run(plan, timeout, lambda _line: None)
@@ -129,21 +146,51 @@ def _plan(
     record: str | os.PathLike[str] | None,
 ) -> Launch:
     """Return the checked settings of a launch with these arguments."""
+    argument("params", params, Mapping, "a table of parameters by dotted name")
+    argument("vehicles", vehicles, Integral, "a number of vehicles")
+    argument("processes", processes, Mapping, "a table of commands by node")
     names = [DEFAULT] if vehicles == 1 else load.names(DEFAULT, vehicles)
-    source = None if config is None else Path(config)
+    source = None if config is None else _path("config", config)
     table, origin = load.gather(source)
     for name, value in params.items():
-        put(table, name, value, f"params[{name!r}]")
+        argument("a parameter's name", name, str, "a text")
+        put(table, name, plain(value), f"params[{name!r}]")
     if processes:
         table["processes"] = {**table.get("processes", {}), **processes}
     fleet = load.of(table, f"{origin} with params" if params else origin, names)
     folder = source.resolve().parent if source else Path.cwd()
-    recording = "" if record is None else str(Path(record).resolve())
+    recording = "" if record is None else str(_new_file("record", record).resolve())
+    argument("realm", realm or "", str, "a name")
     name = realm or f"py-{os.getpid()}-{token_hex(2)}"
     plan = Launch(Realm(name).name, fleet, [], str(folder), recording)
     plan.processes()
     capacity.check(plan)
     return plan
+
+
+def _path(name: str, given: str | os.PathLike[str]) -> Path:
+    argument(name, given, (str, os.PathLike), "the path of a file")
+    return Path(given)
+
+
+def _new_file(name: str, given: str | os.PathLike[str]) -> Path:
+    path = _path(name, given)
+    if not path.absolute().parent.is_dir():
+        raise Invalid(f"{name} = {given}: there is no folder {path.parent}", "make it first")
+    return path
+
+
+class UnknownVehicle(UsageError, KeyError):
+    """Name that no vehicle of a run has; a KeyError, too."""
+
+    __str__ = Exception.__str__  # that of KeyError shows the quoted text
+
+
+class Vehicles(dict[str, Vehicle]):
+    """Vehicles of a run by name."""
+
+    def __missing__(self, name: str) -> Vehicle:
+        raise UnknownVehicle(f"there is no vehicle {name}", f"there are {listed(list(self))}")
 
 
 class Connection(Vehicle):
@@ -178,6 +225,9 @@ def connect(
     Raises Unreachable if nothing runs there, UsageError for a wrong name and if several vehicles
     are there, and TimedOut if the hub does not answer.
     """
+    for title, given in (("realm", realm), ("vehicle", vehicle), ("connect", connect)):
+        argument(title, given or "", str, "a name")
+    positive_time("timeout", timeout)
     place = realm or default_name()
     named = vehicle or os.environ.get("QUADCTL_VEHICLE")
     name = vehicle_name(named) if named else only_vehicle(place, connect, timeout)

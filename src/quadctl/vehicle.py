@@ -42,7 +42,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
-from quadctl.services.runtime.typed import converted
+from quadctl.services.runtime.typed import converted, positive_time
 
 if TYPE_CHECKING:
     from quadctl.parameters import ParamTable
@@ -56,8 +56,8 @@ _SLACK = 5.0
 
 _STATES_MISSED = 3
 """Periods of safety's state without one that can be read, after which a flight is given up."""
-_LONGEST_WAIT = 3600.0
-"""Seconds of one wait in a watch without an end; a queue cannot wait for ever."""
+_LONGEST_WAIT = 1.0
+"""Seconds of one wait in a watch, which ends when its connection is closed."""
 
 
 class Calibration(Struct, frozen=True):
@@ -94,11 +94,13 @@ def goal_of(
     Numbers of NumPy count as numbers; True and texts do not.
     """
     point = {axis: _metres(axis, value) for axis, value in (("x", x), ("y", y), ("z", z))}
+    how = {"replace": replace, "direct": direct, "wait": wait}
     try:
-        how = {"replace": replace, "direct": direct, "wait": wait}
         return converted(point | how, GotoRequest)
     except msgspec.ValidationError as error:
         axis = str(error).rpartition("$.")[2].rstrip("`")
+        if axis not in point:
+            raise Invalid(f"{axis} = {how[axis]!r} is not valid", "give True or False") from None
         raise _bad_coordinate(axis, f"{point[axis]:g}") from None
 
 
@@ -233,6 +235,14 @@ class Flight:
             self._reason = reply.reason
             self._end()
 
+    def __repr__(self) -> str:
+        goal = f"({self._goal.x:g}, {self._goal.y:g}, {self._goal.z:g})"
+        if not self.accepted:
+            return f"<flight to {goal}, refused: {self._reason}>"
+        self._catch_up()
+        end = "arrived" if self._arrived else f"stopped: {self._reason}" if self._reason else ""
+        return f"<flight to {goal}, {end or self.paused or 'under way'}>"
+
     @property
     def reason(self) -> str:
         """Return why the goal was refused, or the flight stopped; else an empty string."""
@@ -262,6 +272,7 @@ class Flight:
 
         Raises Client.silent's error if none comes.
         """
+        self._check_open()
         deadline = time.monotonic() + self._client.timeout
         while self._began is None and not self._is_over:
             message = self._messages.next(deadline - time.monotonic())
@@ -293,6 +304,8 @@ class Flight:
         stopped, TimedOut if it takes longer, Invalid if safety's states cannot be read, and
         Client.silent's error if messages stop.
         """
+        if timeout is not None:
+            positive_time("timeout", timeout)
         metres = self.begin()
         if timeout is None:
             timeout = 0.0 if self._is_over else patience(self._client, metres)
@@ -309,6 +322,7 @@ class Flight:
                     f"{self.goes_on()}; --arrive (in Python timeout=) waits longer",
                 )
             message = self._messages.next(min(left, self._client.timeout))
+            self._check_open()
             if message is not None:
                 before = self.paused
                 self._take(message)
@@ -323,6 +337,11 @@ class Flight:
             raise self.refusal()
         return Arrival(self._distance, self._seconds)
 
+    def _check_open(self) -> None:
+        """Raise Unreachable if the connection was closed during the flight: nothing comes any more."""
+        if not self._is_over:
+            self._client.session  # noqa: B018 - raises
+
     def _check_states(self) -> None:
         """Raise Invalid if safety's states cannot be read: poses alone report no end of a flight."""
         problem = self._messages.unread.get(STATE.key(self._client.vehicle))
@@ -332,6 +351,7 @@ class Flight:
 
     def settle(self, timeout: float = _SETTLING) -> Arrival:
         """Wait, after the arrival, until the vehicle rests; raise TimedOut after `timeout` s."""
+        positive_time("timeout", timeout)
         pose = slowed(self._client, _RESTS, timeout, _AT_REST)
         if pose is None:
             raise restless(timeout, " of its arrival")
@@ -410,9 +430,14 @@ class Watch(Generic[M]):
     """
 
     def __init__(self, client: Client, topic: Topic[M], seconds: float) -> None:
+        positive_time("seconds", seconds)
+        self._client, self._name = client, getattr(topic, "name", "")
         self._ends = time.monotonic() + seconds
         self._messages: TypedSubscriber[M] = client.subscribe(topic)
         self._end = finalize(self, self._messages.close)
+
+    def __repr__(self) -> str:
+        return f"<watch of {self._name} of {self._client.vehicle}, {self.lost} lost>"
 
     @property
     def lost(self) -> int:
@@ -424,6 +449,7 @@ class Watch(Generic[M]):
 
     def __next__(self) -> M:
         while (left := self._ends - time.monotonic()) > 0:
+            self._client.session  # noqa: B018 - raises if nothing can come any more
             message = self._messages.next(min(left, _LONGEST_WAIT))
             if message is not None:
                 return message
@@ -440,6 +466,9 @@ class Vehicle:
 
     def __init__(self, client: Client) -> None:
         self.client = client
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__.lower()}: {self.client!r}>"
 
     @property
     def name(self) -> str:
@@ -517,6 +546,7 @@ class Vehicle:
         A program begins with it after a launch: the vehicle still climbs, and a baseline of
         `calibrate` would be wrong. Raises TimedOut, with the cause, after `timeout` (s).
         """
+        positive_time("timeout", timeout)
         ends = time.monotonic() + timeout
         # The latched state: a vehicle that hovers already may publish no other for a second.
         while not hovers(state := self.state()):

@@ -20,21 +20,26 @@ HERE = ROOT / "tests" / "support"
 HOUR = 3600
 TIME_OF_DAY = {"time", "time_ns", "datetime", "localtime", "gmtime", "ctime", "strftime"}
 MAY_READ = {
-    "bus/calls.py": "a call's deadline",
-    "bus/raw.py": "when a recording begins",
-    "bus/scheduled_calls.py": "a call's deadline, which the contract has as Unix time",
-    "bus/streams.py": "the age of messages, which is only shown",
-    "bus/survey.py": "the age of messages, and a call's deadline",
-    "node.py": "the deadlines of scheduled calls",
-    "security/access_control.py": "the expiry of a certificate",
-    "security/authority.py": "the expiry of a certificate",
-    "security/identity.py": "the expiry of a certificate",
-    "security/registry.py": "the expiry of a certificate",
-    "server.py": "a call's deadline",
-    "supervisor/child.py": "when a line was logged",
-    "supervisor/descendants.py": "a name unique to the run",
-    "supervisor/logs.py": "when a line was logged",
-    "supervisor/supervisor.py": "when a process was started, which is only shown",
+    "cli/bag.py": "when a recording began, as a date",
+    "cli/doctor/doctor.py": "whether the clock is set at all",
+    "cli/keys.py": "the expiry of a certificate",
+    "cli/node/info.py": "when a process was started, as a date",
+    "cli/record/record.py": "the date in a file's name",
+    "services/runtime/bus/calls.py": "a call's deadline",
+    "services/runtime/bus/raw.py": "when a recording begins",
+    "services/runtime/bus/scheduled_calls.py": "a call's deadline, which the contract has as Unix time",
+    "services/runtime/bus/streams.py": "the age of messages, which is only shown",
+    "services/runtime/bus/survey.py": "the age of messages, and a call's deadline",
+    "services/runtime/node.py": "the deadlines of scheduled calls",
+    "services/runtime/security/access_control.py": "the expiry of a certificate",
+    "services/runtime/security/authority.py": "the expiry of a certificate",
+    "services/runtime/security/identity.py": "the expiry of a certificate",
+    "services/runtime/security/registry.py": "the expiry of a certificate",
+    "services/runtime/server.py": "a call's deadline",
+    "services/runtime/supervisor/child.py": "when a line was logged",
+    "services/runtime/supervisor/descendants.py": "a name unique to the run",
+    "services/runtime/supervisor/logs.py": "when a line was logged",
+    "services/runtime/supervisor/supervisor.py": "when a process was started, which is only shown",
 }
 
 
@@ -151,10 +156,10 @@ def test_flight_code_never_reads_the_time_of_day():
         files = sorted((ROOT / "services" / service).rglob("*.py"))
         assert files
         assert [str(file) for file in files if reads_time_of_day(file)] == []
-    runtime = ROOT / "services" / "runtime"
     found = {
-        file.relative_to(runtime).as_posix()
-        for file in runtime.rglob("*.py")
+        file.relative_to(ROOT).as_posix()
+        for folder in ("services/runtime", "cli", "src/quadctl")
+        for file in (ROOT / folder).rglob("*.py")
         if reads_time_of_day(file)
     }
     assert found == set(MAY_READ)

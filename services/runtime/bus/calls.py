@@ -34,7 +34,8 @@ class ServiceClient(Generic[Q, R]):
         try:
             payload = codec.encode(request)
         except (OverflowError, TypeError) as error:
-            raise Invalid(f"the request cannot be sent: {error}") from error
+            hint = "give plain numbers, texts, lists and tables"
+            raise Invalid(f"the request cannot be sent: {error}", hint) from error
         answer = self._client.call(payload, self._encoding, timeout, boot, again=again)
         return codec.decode(self._service.response, *answer)
 

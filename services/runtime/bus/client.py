@@ -14,6 +14,7 @@ from quadctl.services.runtime.bus.session import close, connect_to_hub
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
+from quadctl.services.runtime.typed import require
 
 if TYPE_CHECKING:
     from quadctl.schemas.roles import Right
@@ -31,6 +32,7 @@ class HubConnection:
 
     def __init__(self, session: zenoh.Session, realm: Realm | None) -> None:
         self._session, self._realm = session, realm
+        self.is_closed = False
         self._since, self._first = time.monotonic(), self._hubs()
         self._breaks: zenoh_events.DisconnectListener | None = None
 
@@ -116,7 +118,8 @@ def latest(session: zenoh.Session, topic: Topic[M], key: str, timeout: float) ->
 class RawPublisher:
     """Publisher of bytes on a key, for as long as its client's `with` block lasts."""
 
-    def __init__(self, session: zenoh.Session, key: str, encoding: str) -> None:
+    def __init__(self, client: "Client", key: str, encoding: str) -> None:
+        self._client, session = client, client.session
         # A typed message waits for room; only at a robot's rates would the next one replace it.
         self._publisher = session.declare_publisher(
             key,
@@ -126,7 +129,8 @@ class RawPublisher:
         self._listeners = zenoh_events.MatchingListener(self._publisher)
 
     def put(self, payload: bytes) -> None:
-        """Publish one message."""
+        """Publish one message; raise Unreachable after the client's `close`."""
+        self._client.session  # noqa: B018 - raises
         self._publisher.put(payload)
 
     def wait_for_listener(self, timeout: float) -> bool:
@@ -158,8 +162,8 @@ class Client:
     def __init__(self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3) -> None:
         self.vehicle, self.timeout = vehicle, timeout
         self.realm, self._connect = Realm(realm), connect
-        self.session = connect_to_hub(self.realm, connect, timeout)
-        self._hub = HubConnection(self.session, None if connect else self.realm)
+        self._session = connect_to_hub(self.realm, connect, timeout)
+        self._hub = HubConnection(self._session, None if connect else self.realm)
         self._held: list[object] = []
         self._own: set[str] = set()
 
@@ -169,10 +173,31 @@ class Client:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def __repr__(self) -> str:
+        closed = ", closed" if self._hub.is_closed else ""
+        return f"<connection to {self.vehicle} on {self._place}{closed}>"
+
+    @property
+    def _place(self) -> str:
+        return self._connect or f"the realm {self.realm.name}"
+
+    @property
+    def session(self) -> zenoh.Session:
+        """Return the session; raise Unreachable after `close`."""
+        if self._hub.is_closed:
+            raise Unreachable(
+                f"the connection to {self._place} is closed",
+                "use it inside its `with` block, before close(); quadctl.connect() makes a new one",
+            )
+        return self._session
+
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection; a second call does nothing."""
+        if self._hub.is_closed:
+            return
+        self._hub.is_closed = True
         if self._hub.is_there:
-            close(self.session)
+            close(self._session)
         else:
             _lost.append(self)
 
@@ -203,6 +228,7 @@ class Client:
 
         `timeout` (s): for one of several calls under one deadline. `boot`: the one a reset begins.
         """
+        require(service, Service, "GOTO")
         key = service.key(self.vehicle)
         self.permit("call", key)
         try:
@@ -229,7 +255,10 @@ class Client:
             raise self.explained(problem) from problem
 
     def latest(self, topic: Topic[M]) -> M:
-        """Return the last message of a latched topic."""
+        """Return the last message of a latched topic; raise Invalid for another."""
+        require(topic, Topic, "STATE")
+        if not topic.latched:
+            raise Invalid(f"{topic.name} is not latched", "`first` returns its next message")
         key = topic.key(self.vehicle)
         self.permit("read", key)
         try:
@@ -256,6 +285,8 @@ class Client:
         """Subscribe to topics, decoded; see `listen`."""
         from quadctl.services.runtime.bus.streams import TypedSubscriber
 
+        for topic in topics:
+            require(topic, Topic, "POSE")
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return TypedSubscriber(self.listen(*types, backlog=backlog, held=held), types)
 
@@ -290,6 +321,8 @@ class Client:
 
         NotAllowed if the hub denies us a `key` that is served. `live`: the ready nodes, if known.
         """
+        if self._hub.is_closed:
+            return problem
         from quadctl.services.runtime.bus import diagnosis
 
         return diagnosis.explain_unreachable(self, self._connect, problem, node, key, live)
@@ -311,7 +344,7 @@ class Client:
         """Return a publisher of bytes on a key."""
         self.permit("publish", key)
         self._hub.watch()
-        publisher = RawPublisher(self.session, key, encoding)
+        publisher = RawPublisher(self, key, encoding)
         self._held.append(publisher)
         return publisher
 

@@ -25,10 +25,13 @@ _FROZEN = "it is frozen or busy: `quadctl status`"
 class DiagnosisClient(Protocol):
     """Part of a client that a diagnosis of its unanswered call needs."""
 
-    session: zenoh.Session
     realm: Realm
     vehicle: str
     timeout: float
+
+    @property
+    def session(self) -> zenoh.Session:
+        """Return the open session."""
 
     def endpoints(self, *kinds: Kind, timeout: float | None = None) -> list[EndpointInfo]:
         """Return the endpoints of the hub's nodes."""

@@ -403,17 +403,7 @@ def facts(path: Path) -> BagFacts:
         counts[number] = counts.get(number, 0) + 1
         begin, end = min(begin or message.at, message.at), max(end, message.at)
     seconds = (end - begin) / 1e9
-    keys = [
-        KeyFacts(
-            channel.topic,
-            schema.name.removeprefix("quadctl.") if schema else "",
-            channel.metadata.get(writer.ENCODING, channel.message_encoding),
-            counts[number],
-            (counts[number] - 1) / seconds if seconds and counts[number] > 1 else 0.0,
-            writer.DERIVED in channel.metadata,
-        )
-        for number, (channel, schema) in rows.items()
-    ]
+    keys = [_key_facts(*row, counts[number], seconds) for number, row in rows.items()]
     keys.sort(key=lambda each: (each.derived, each.key))
     return BagFacts(
         str(path), path.stat().st_size, bag.cut, bag.damaged, bag.unread,
@@ -427,3 +417,12 @@ def missing(path: Path, read: int) -> int | None:
     found = summary(path)
     stats = None if found is None else found.statistics
     return None if stats is None else max(stats.message_count - read, 0)
+
+
+def _key_facts(channel: Channel, schema: Schema | None, count: int, seconds: float) -> KeyFacts:
+    encoding = channel.metadata.get(writer.ENCODING, channel.message_encoding)
+    # A type that only its publisher knows has a name, but no schema.
+    name = schema.name.removeprefix("quadctl.") if schema else codec.type_name(encoding)
+    hz = (count - 1) / seconds if seconds and count > 1 else 0.0
+    derived = writer.DERIVED in channel.metadata
+    return KeyFacts(channel.topic, name, encoding, count, hz, derived)

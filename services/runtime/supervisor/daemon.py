@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 _REPORT_EVERY = 1.0
 """Seconds between reports that the supervisor works, however slow the start is."""
+_CAUSE = "its last lines name the cause"
 _MODULE = "quadctl.services.runtime.supervisor.daemon"
 _KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
@@ -147,7 +148,7 @@ def main() -> int:
         nonlocal settled
         settled = True
         keep_logs = bool(failed) and not launch.owned
-        hint = f"all lines are in {Realm(launch.realm).logs}" if keep_logs else ""
+        hint = f"all lines are in {Realm(launch.realm).logs}" if keep_logs else _CAUSE
         if not _settle(StartupReport(settled=True, failed=failed, hint=hint)) or failed:
             supervisor.stop(keep_logs=keep_logs)
         elif launch.owned:

@@ -3,6 +3,7 @@
 import csv
 from pathlib import Path
 
+import msgspec
 import pytest
 from mcap.writer import Writer
 
@@ -146,6 +147,22 @@ def test_what_makes_no_table_is_named(quadctl: Quadctl, tmp_path: Path):
 
 
 IN_CHUNK = 25
+
+
+@pytest.mark.parametrize("encoding", ["#a9099889", "", "#ffffffff"])
+def test_a_type_that_only_its_publisher_knows_is_shown_by_its_name(
+    quadctl: Quadctl, tmp_path: Path, encoding: str
+):
+    battery = msgspec.msgpack.encode({"volt": 3.7})
+    encoding = f"application/msgpack;quadctl.Battery{encoding}"
+    write(tmp_path / "own.mcap", [raw_message("uav/own/battery", battery, 0.1, encoding)])
+    shown = quadctl("bag", "info", "own.mcap").out
+    assert "Battery  " in shown
+    assert "application/" not in shown
+    (key,) = quadctl("bag", "info", "own.mcap", "--json").json["keys"]
+    assert (key["type"], key["encoding"]) == ("Battery", encoding)
+
+
 READERS = ["bag info", "bag check", "bag export --csv", "plot -o new.svg", "bag repair -o new.mcap"]
 
 

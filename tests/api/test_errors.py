@@ -1,0 +1,171 @@
+"""What leaves the API is a quadctl.Error with a hint: wrong arguments, and use after the end."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import quadctl
+from quadctl.schemas.topics import GOTO, POSE, STATE
+
+FAST = {"dynamics.speed": 0}
+Use = Callable[[Any], object]
+
+
+@pytest.fixture(scope="module")
+def run() -> Iterator[quadctl.Run]:
+    with quadctl.launch(params=FAST) as started:
+        started.vehicle.settle()
+        yield started
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"config": 5}, {"config": "no/such.toml"}, {"params": [1]}, {"params": {1: 2}},
+        {"params": {"safety": 5}}, {"params": {"safety.takeoff": object()}}, {"params": {"": 1}},
+        {"vehicles": "2"}, {"vehicles": True}, {"vehicles": 2.5}, {"vehicles": 0}, {"realm": 5},
+        {"realm": "../x"}, {"processes": ["x"]}, {"processes": {"safety": 5}}, {"record": 5},
+        {"record": "no/such/x.mcap"}, {"timeout": "x"}, {"timeout": -1}, {"timeout": float("nan")},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_wrong_argument_of_a_launch_starts_nothing(arguments: dict[str, Any]):
+    with pytest.raises(quadctl.Error) as raised:
+        quadctl.launch(**arguments)
+    assert raised.value.hint
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"realm": 5}, {"vehicle": [1]}, {"connect": 5}, {"connect": "nonsense"}, {"timeout": None}],
+    ids=str,
+)
+def test_a_wrong_argument_of_a_connection_is_refused(arguments: dict[str, Any]):
+    with pytest.raises(quadctl.Error) as raised:
+        quadctl.connect(**arguments)
+    assert raised.value.hint
+
+
+@pytest.mark.parametrize("file", [5, None, "/", "no/such.mcap"])
+def test_what_is_no_recording_is_refused(file: Any):
+    with pytest.raises(quadctl.Invalid) as raised:
+        quadctl.read(file)
+    assert raised.value.hint
+
+
+WRONG: dict[str, Use] = {
+    "a text as a coordinate": lambda quad: quad.goto("a", 1, 1),
+    "a text as a switch": lambda quad: quad.goto(1, 1, 1, replace="x"),
+    "a text as a time": lambda quad: quad.goto(1, 1, 1, timeout="x"),
+    "no time to settle": lambda quad: quad.settle(timeout=0),
+    "a number as a topic": lambda quad: quad.watch(5),
+    "an unknown topic": lambda quad: quad.watch("nope"),
+    "a text as a watch's time": lambda quad: quad.watch("pose", seconds="x"),
+    "a number as a parameter": lambda quad: quad.params[5],
+    "an unknown parameter": lambda quad: quad.params["nope"],
+    "a list of parameters": lambda quad: quad.params.update([1]),
+    "an object as a value": lambda quad: quad.params.update({"safety.takeoff": object()}),
+    "a text as a value": lambda quad: quad.params.update({"safety.takeoff": "x"}),
+    "a text as the cage's switch": lambda quad: quad.cage(on="yes"),
+    "a text as a service": lambda quad: quad.client.call("goto", 5),
+    "a number as a request": lambda quad: quad.client.call(GOTO, 5),
+    "a text as a latched topic": lambda quad: quad.client.latest("state"),
+    "a topic that is not latched": lambda quad: quad.client.latest(POSE),
+    "a text as a topic": lambda quad: quad.client.first("pose"),
+    "a text to subscribe to": lambda quad: quad.client.subscribe("pose"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_argument_is_an_error_with_a_hint(run: quadctl.Run, wrong: str):
+    with pytest.raises(quadctl.Error) as raised:
+        WRONG[wrong](run.vehicle)
+    assert raised.value.hint
+
+
+def test_the_name_of_a_topic_where_a_topic_is_due_says_so(run: quadctl.Run):
+    with pytest.raises(quadctl.Invalid, match="'state' is no Topic") as raised:
+        run.vehicle.client.latest("state")  # type: ignore[type-var]
+    assert "e.g. STATE of quadctl.schemas.topics" in raised.value.hint
+
+
+def test_an_unknown_vehicle_is_a_key_error_that_names_the_others(run: quadctl.Run):
+    with pytest.raises(KeyError, match="there is no vehicle uav7") as raised:
+        run.vehicles["uav7"]
+    assert isinstance(raised.value, quadctl.Error)
+    assert raised.value.hint == "there are uav"
+
+
+def test_numbers_of_numpy_are_numbers(run: quadctl.Run):
+    quad = run.vehicle
+    quad.params.update({"safety.takeoff": np.float32(1.5), "safety.acceptance_range": np.int64(1)})
+    assert (quad.params["safety.takeoff"], quad.params["safety.acceptance_range"]) == (1.5, 1.0)
+    assert isinstance(next(quad.watch("pose", seconds=np.float64(30))).seq, int)
+
+
+AFTER: dict[str, Use] = {
+    "goto": lambda quad: quad.goto(1, 1, 1),
+    "calibrate": lambda quad: quad.calibrate(),
+    "cage": lambda quad: quad.cage(on=True),
+    "hold": lambda quad: quad.hold(),
+    "reset": lambda quad: quad.reset(),
+    "pose": lambda quad: quad.pose(),
+    "pressure": lambda quad: quad.pressure(),
+    "state": lambda quad: quad.state(),
+    "settle": lambda quad: quad.settle(),
+    "watch": lambda quad: quad.watch("pose"),
+    "read a parameter": lambda quad: quad.params["safety.takeoff"],
+    "set a parameter": lambda quad: quad.params.update({"safety.takeoff": 1.0}),
+    "list parameters": lambda quad: list(quad.params),
+}
+
+
+@pytest.fixture(scope="module")
+def closed() -> tuple[quadctl.Vehicle, quadctl.Watch[Any], quadctl.Flight, Any]:
+    """Return a vehicle of a run that has ended, and what was begun with it."""
+    run = quadctl.launch(params=FAST)
+    quad = run.vehicle
+    quad.settle()
+    watch = quad.watch("pose")
+    publisher = quad.client.raw_publisher("uav/own/word")
+    flight = quad.goto(4, 4, 1.5, wait=False)
+    run.close()
+    run.close()
+    with pytest.raises(quadctl.Error, match="ended"):
+        run.logs()
+    assert repr(run).endswith(", ended>")
+    assert "closed" in repr(quad)
+    return quad, watch, flight, publisher
+
+
+@pytest.mark.parametrize("use", AFTER)
+def test_use_after_the_end_says_that_it_is_over(closed: Any, use: str):
+    with pytest.raises(quadctl.Unreachable, match="is closed") as raised:
+        AFTER[use](closed[0])
+    assert "quadctl.connect()" in raised.value.hint
+
+
+def test_what_was_begun_before_the_end_says_that_it_is_over(closed: Any):
+    _, watch, flight, publisher = closed
+    for use in (lambda: [*watch], lambda: publisher.put(b"word"), flight.settle):
+        with pytest.raises(quadctl.Unreachable, match="is closed"):
+            use()
+    if not flight.arrived:
+        with pytest.raises(quadctl.Unreachable, match="is closed"):
+            flight.wait()
+
+
+def test_each_object_shows_what_it_is(run: quadctl.Run):
+    quad = run.vehicle
+    assert repr(run) == f"<run {run.realm} of uav, running>"
+    assert repr(quad) == f"<vehicle: <connection to uav on the realm {run.realm}>>"
+    with quadctl.connect(run.realm) as other:
+        assert repr(other).startswith("<connection: ")
+        assert repr(other.watch("pose")) == "<watch of pose of uav, 0 lost>"
+        flight = other.goto(0, 0, 1.2, wait=False, replace=True)
+        flight.wait()
+        assert repr(flight) == "<flight to (0, 0, 1.2), arrived>"
+        assert other.client.latest(STATE).cage_on
+    assert repr(other).endswith(", closed>>")

@@ -76,7 +76,10 @@ def _usage(problem: typer.TyperException, path: str) -> BaseException:
         return UsageError(message, hint)
     command = ctx.command_path if ctx is not None else f"quadctl {path}".rstrip()
     if found := _JOINED.search(message):
-        return UsageError(message, f"`{command} {found[1].replace(',', ' ')}`: without commas")
+        joined = found[1]
+        if joined.count(",") == 1:
+            return UsageError(message, f"{joined.replace(',', '.')}: a number has a point")
+        return UsageError(message, f"`{command} {joined.replace(',', ' ')}`: without commas")
     return UsageError(message, f"`{command} --help`")
 
 

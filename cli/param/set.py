@@ -32,10 +32,10 @@ def set_(
         words = [f"{words[0].strip('/')}.{words[1]}={words[2]}"]
     # Slashes alone before the = name everything, and no parameter.
     if not all("=" in word.lstrip("/=") for word in words):
-        raise UsageError(
-            "param set takes NAME VALUE or NAME=VALUE...",
-            f"`quadctl param get {words[0]}` prints its value" if len(words) == 1 else "",
-        )
+        hint = f"`quadctl param get {words[0]}` prints its value" if len(words) == 1 else ""
+        if len(words) > 2 and words[1].startswith(("[", "{")):
+            hint = f"quote a list or a table: `quadctl param set {words[0]} '{' '.join(words[1:])}'`"
+        raise UsageError("param set takes NAME VALUE or NAME=VALUE...", hint)
     options, words = context.about_parameters(options, words)
     pairs = (word.partition("=") for word in words)
     values = {normal_name(name): parameter(text) for name, _, text in pairs}

@@ -34,7 +34,9 @@ def set_(
     if not all("=" in word.lstrip("/=") for word in words):
         hint = f"`quadctl param get {words[0]}` prints its value" if len(words) == 1 else ""
         if len(words) > 2 and words[1].startswith(("[", "{")):
-            hint = f"quote a list or a table: `quadctl param set {words[0]} '{' '.join(words[1:])}'`"
+            hint = (
+                f"quote a list or a table: `quadctl param set {words[0]} '{' '.join(words[1:])}'`"
+            )
         raise UsageError("param set takes NAME VALUE or NAME=VALUE...", hint)
     options, words = context.about_parameters(options, words)
     pairs = (word.partition("=") for word in words)

@@ -87,7 +87,7 @@ def test_a_wrong_argument_is_an_error_with_a_hint(run: quadctl.Run, wrong: str):
 
 def test_the_name_of_a_topic_where_a_topic_is_due_says_so(run: quadctl.Run):
     with pytest.raises(quadctl.Invalid, match="'state' is no Topic") as raised:
-        run.vehicle.client.latest("state")  # type: ignore[type-var]
+        run.vehicle.client.latest("state")  # type: ignore[arg-type]
     assert "e.g. STATE of quadctl.schemas.topics" in raised.value.hint
 
 

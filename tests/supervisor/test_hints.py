@@ -69,6 +69,7 @@ def test_doctor_and_the_log_of_a_process_show_why_it_ended(students: Lab):
     assert "; ".join(cause) in checks["node scale"]["evidence"]
 
 
+@pytest.mark.thorough
 def test_doctor_and_the_log_of_a_frozen_process_show_that_it_was_killed(students: Lab):
     frozen = students.signal("dynamics", signal.SIGSTOP)
     students.revived("dynamics", frozen)
@@ -78,6 +79,7 @@ def test_doctor_and_the_log_of_a_frozen_process_show_that_it_was_killed(students
     assert killed in checks["node dynamics"]["evidence"]
 
 
+@pytest.mark.thorough
 def test_the_log_of_a_killed_process_shows_its_signal(students: Lab):
     killed = students.signal("pressure", signal.SIGKILL)
     students.revived("pressure", killed)

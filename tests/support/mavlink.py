@@ -159,21 +159,22 @@ class GroundStation:
         since = len(self.messages)
         self.send(mavlink.MAVLink_mission_count_message(*self.vehicle, len(items), kind))
         while True:
-            asked = self.wait_for(partial(self._asked, kind, since))
+            # By its place: equal messages of an earlier upload may be in the list.
+            since, asked = self.wait_for(partial(self._asked, kind, since))
             if asked.get_type() == "MISSION_ACK":
                 result: int = asked.type
                 return result
-            since = self.messages.index(asked) + 1
             self.send(items[asked.seq](asked.seq))
 
-    def _asked(self, kind: int, since: int) -> Any:
-        for each in self.messages[since:]:
+    def _asked(self, kind: int, since: int) -> tuple[int, Any] | None:
+        """Return the next request or result of an upload, after the place that follows it."""
+        for place, each in enumerate(self.messages[since:], since + 1):
             if (
                 each.get_type() in {"MISSION_REQUEST_INT", "MISSION_ACK"}
                 and each.get_srcSystem() == self.system
                 and each.mission_type == kind
             ):
-                return each
+                return place, each
         return None
 
     def download(self, kind: int) -> list[Any]:

@@ -229,3 +229,20 @@ def test_a_recording_without_poses_is_not_plotted(quadctl: Quadctl, tmp_path: Pa
     result = quadctl("plot", "none.mcap")
     assert (result.code, result.out) == (6, "")
     assert result.err.startswith("error: nothing to draw: no pose arrived")
+
+
+def test_a_recording_without_a_message_is_repaired_and_read(quadctl: Quadctl, bag: Path):
+    empty = bag.with_name("empty.mcap")
+    empty.write_bytes(bag.read_bytes()[:60])
+    assert "0 messages kept" in quadctl("bag", "repair", "empty.mcap").out
+    assert quadctl("bag", "check", "empty.mcap") == (0, "empty.mcap: 0 messages, no faults\n", "")
+    info = quadctl("bag", "info", "empty.mcap")
+    assert (info.code, info.err) == (0, "")
+
+
+@pytest.mark.parametrize("line", ["bag repair f.mcap -o f.mcap", "plot f.mcap -o f.png"])
+def test_a_command_never_writes_over_a_file(quadctl: Quadctl, bag: Path, line: str):
+    bag.with_name("f.png").write_bytes(b"mine")
+    before = bag.read_bytes()
+    assert quadctl(*line.split()).code == 6
+    assert (bag.read_bytes(), bag.with_name("f.png").read_bytes()) == (before, b"mine")

@@ -260,3 +260,21 @@ def test_a_request_may_be_written_as_in_ros(quadctl: Quadctl, arguments: str):
 def test_a_type_before_a_request_is_ignored(quadctl: Quadctl, line: str):
     result = quadctl("service", "call", *line.split(), "--json")
     assert (result.code, result.error["code"]) == (3, "unreachable")
+
+
+@pytest.mark.parametrize(
+    ("line", "hint"),
+    [
+        ("goto 1,5 0 1", "1.5: a number has a point"),
+        ("goto 0 0 1 --arrive 5,0", "5.0: a number has a point"),
+        ("goto 1,2,1", "`quadctl goto 1 2 1`: without commas"),
+        ("param set safety.zones [1, 2]", "`quadctl param set safety.zones '[1, 2]'`"),
+        ("param set dynamics.start {x: 1, y: 2}", "`quadctl param set dynamics.start '{x: 1, y: 2}'`"),
+    ],
+)  # fmt: skip
+def test_a_word_as_other_tools_take_it_gets_the_line_to_type(
+    quadctl: Quadctl, line: str, hint: str
+):
+    result = quadctl(*line.split(), "--json")
+    assert (result.code, result.out) == (2, "")
+    assert hint in result.error["hint"]

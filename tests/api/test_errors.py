@@ -24,7 +24,7 @@ def run() -> Iterator[quadctl.Run]:
     "arguments",
     [
         {"config": 5}, {"config": "no/such.toml"}, {"params": [1]}, {"params": {1: 2}},
-        {"params": {"safety": 5}}, {"params": {"safety.takeoff": object()}}, {"params": {"": 1}},
+        {"params": {"safety": 5}}, {"params": {"safety.takeoff": 1j}}, {"params": {"": 1}},
         {"vehicles": "2"}, {"vehicles": True}, {"vehicles": 2.5}, {"vehicles": 0}, {"realm": 5},
         {"realm": "../x"}, {"processes": ["x"]}, {"processes": {"safety": 5}}, {"record": 5},
         {"record": "no/such/x.mcap"}, {"timeout": "x"}, {"timeout": -1}, {"timeout": float("nan")},

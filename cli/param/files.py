@@ -10,10 +10,9 @@ from msgspec import Struct
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
-from quadctl.cli.param.toml_edit import edited, replace
 from quadctl.parameters import RunningParams, Values, tables
 from quadctl.services.runtime.errors import Invalid, QuadctlError
-from quadctl.services.runtime.files import read_text, write_new
+from quadctl.services.runtime.files import read_text, write_new, write_whole
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import fixed_at_launch, live_switch
 from quadctl.services.runtime.params.load import check, gather, parse, read, table_of
@@ -155,9 +154,28 @@ def save(
         was = read_text(file, _WRITTEN_ANEW)
         text = edited(was.text, {own + change.name: change.after for change in found})
         _verify(text, from_file | {change.name: change.after for change in found}, file, options)
-        replace(file, was.encoded(text))
+        write_whole(file, was.encoded(text))
     changed = [change.document() for change in found]
     print_changes(options, {"file": str(file), "changed": changed}, found)
+
+
+def edited(text: str, values: dict[str, Any]) -> str:
+    """Return a file's text with values set by dotted name; a missing table is added at the end."""
+    import tomlkit
+    from tomlkit.items import InlineTable
+
+    document = tomlkit.parse(text)
+    for name, value in values.items():
+        *path, last = name.split(".")
+        table: Any = document
+        for depth, part in enumerate(path):
+            if part not in table:
+                # A table within an inline one can only be inline.
+                fresh = tomlkit.table(is_super_table=depth < len(path) - 1)
+                table[part] = tomlkit.inline_table() if isinstance(table, InlineTable) else fresh
+            table = table[part]
+        table[last] = value
+    return tomlkit.dumps(document)
 
 
 def _verify(text: str, wanted: Values, file: Path, options: Options) -> None:

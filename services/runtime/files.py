@@ -2,14 +2,14 @@
 
 import codecs
 import errno
+import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
 from quadctl.services.runtime.errors import Invalid
-from quadctl.services.runtime.realm import write_atomically
 
 _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _REMEDIES = dict.fromkeys(_FULL, "make room on its disk") | {errno.ENOENT: "make its folder first"}
@@ -68,15 +68,36 @@ def _encoding(data: bytes) -> tuple[bytes, str]:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file, whole or not at all; raise Invalid if it cannot be written.
+    """Write a file so that a crash leaves the old content or the new; raise Invalid if it cannot be.
 
-    A link stays a link, and a pipe or a device stays one, too.
+    A link stays a link, a file keeps its mode and owner, and a pipe or a device is written to.
     """
     with making(path):
         if path.exists() and not path.is_file():
             path.write_bytes(data)
-        else:
-            write_atomically(path.resolve(), data)
+            return
+        target = path.resolve()
+        fresh = target.with_name(f".{target.name}.{os.getpid()}")
+        try:
+            with fresh.open("xb") as out:
+                _like(target, out.fileno())
+                out.write(data)
+                out.flush()
+                os.fsync(out.fileno())
+            fresh.replace(target)
+        except OSError:
+            fresh.unlink(missing_ok=True)
+            raise
+
+
+def _like(target: Path, descriptor: int) -> None:
+    with suppress(FileNotFoundError):
+        was = target.stat()
+        if os.name == "posix":
+            # Only root may give a file away; for any other user it becomes their own.
+            with suppress(PermissionError):
+                os.fchown(descriptor, was.st_uid, was.st_gid)
+            os.fchmod(descriptor, was.st_mode & 0o7777)
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:

@@ -1,16 +1,13 @@
 """Parameter file edited in place: every other character is kept."""
 
-import os
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from quadctl.cli.param.toml_edit import edited, replace
-from quadctl.services.runtime.errors import Invalid
+from quadctl.cli.param.files import edited
 from quadctl.services.runtime.params.catalogue import render
 from quadctl.services.runtime.params.names import put
 from tests.support.declared_values import changed_values
@@ -70,44 +67,3 @@ def test_any_set_of_values_is_written(values: dict[str, Any], before: str):
 
 def test_without_values_the_text_is_unchanged():
     assert edited(render(), {}) == render()
-
-
-def test_a_symbolic_link_and_the_file_mode_are_kept(tmp_path: Path):
-    real, link = tmp_path / "real.toml", tmp_path / "quad.toml"
-    real.write_bytes(b"old")
-    real.chmod(0o640)
-    link.symlink_to("real.toml")
-    replace(link, b"new")
-    assert link.is_symlink()
-    assert real.read_bytes() == b"new"
-    assert real.stat().st_mode & 0o777 == 0o640
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["quad.toml", "real.toml"]
-
-
-def test_a_new_file_has_the_usual_mode(tmp_path: Path):
-    replace(tmp_path / "new.toml", b"text")
-    (tmp_path / "any").write_bytes(b"")
-    assert (tmp_path / "new.toml").stat().st_mode == (tmp_path / "any").stat().st_mode
-
-
-def test_a_failed_write_leaves_the_old_file_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    file = tmp_path / "quad.toml"
-    file.write_bytes(b"old")
-
-    def full(_descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(Invalid, match="No space left"):
-        replace(file, b"new")
-    assert file.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [file]
-
-
-def test_an_unwritable_path_is_an_error(tmp_path: Path):
-    for place in (tmp_path, tmp_path / "nowhere" / "quad.toml"):
-        with pytest.raises(Invalid, match="cannot be written"):
-            replace(place, b"new")
-    assert list(tmp_path.iterdir()) == []

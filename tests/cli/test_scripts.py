@@ -21,7 +21,7 @@ ENDLESS = {
     "topic pub student/word hello -r 5": 130,
     "state --watch": 130,
     "node logs --follow": 130,
-    "node ping safety": 130,
+    "node ping safety -n 1000000": 130,
     "record flight.mcap": 0,
     "plot --live -o flight.png": 0,
     "console --port PORT": 130,

@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 from urllib.parse import quote
@@ -217,6 +218,8 @@ def _write(
     except OSError as error:
         for path in () if force else paths.values():
             path.unlink(missing_ok=True)
+        with suppress(OSError):  # other files are in it
+            where.rmdir()
         raise unwritable(Path(error.filename or where), error) from error
     return counts
 

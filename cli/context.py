@@ -109,7 +109,7 @@ def listing(options: Options, *kinds: "Kind") -> "tuple[list[str], list[Endpoint
     return vehicles, [each for each in found if each.vehicle in vehicles]
 
 
-def check_vehicle(options: Options, found: "Sequence[object]") -> None:
+def check_vehicle(options: Options, found: "Sequence[object]" = ()) -> None:
     """Raise Unreachable if the run lacks the vehicle that the options name, and none was `found`.
 
     A hub that has joined others also shows their vehicles, which are not in the run's record.

@@ -28,7 +28,7 @@ from quadctl.services.runtime.errors import QuadctlError, UsageError
 
 _KEY = "quadctl.options"
 _NO_WRAPPING = 10_000
-_JOINED = re.compile(r"'([-+.\d]+(?:,[-+.\d]+)+)' is not a valid")
+_JOINED = re.compile(r"'([-+.\d]+(?:,[-+.\d]*)+)' is not a valid")
 """Error about numbers that are joined by commas."""
 _OPTION = re.compile(r"No such option: (\S+)")
 _EXITS = (
@@ -76,10 +76,12 @@ def _usage(problem: typer.TyperException, path: str) -> BaseException:
         return UsageError(message, hint)
     command = ctx.command_path if ctx is not None else f"quadctl {path}".rstrip()
     if found := _JOINED.search(message):
-        joined = found[1]
-        if joined.count(",") == 1:
-            return UsageError(message, f"{joined.replace(',', '.')}: a number has a point")
-        return UsageError(message, f"`{command} {joined.replace(',', ' ')}`: without commas")
+        numbers = found[1].replace(",", " ").split()
+        if len(numbers) == 2:
+            return UsageError(message, f"{'.'.join(numbers)}: a number has a point")
+        if len(numbers) == 1:
+            return UsageError(message, f"{numbers[0]}: without a comma")
+        return UsageError(message, f"`{command} {' '.join(numbers)}`: without commas")
     return UsageError(message, f"`{command} --help`")
 
 

@@ -60,6 +60,9 @@ def _place(place: Place, realm: str, vehicle: str) -> Iterator[Finding]:
 
 def _common(options: Options) -> str:
     """Return the common options that a command in the same shell needs for the same run."""
+    vehicle = f"--vehicle {options.named}" if options.named else ""
     if options.connect:
-        return f"--connect {options.connect}"
-    return f"--realm {options.realm}" if options.realm != default_name() else ""
+        place = f"--connect {options.connect}"
+    else:
+        place = f"--realm {options.realm}" if options.realm != default_name() else ""
+    return f"{place} {vehicle}".strip()

@@ -25,9 +25,11 @@ class Fault(NamedTuple):
 
     def cleared(self, launched: Mapping[str, Any]) -> dict[str, Any]:
         """Return the parameters without it; the size is that of the launch again."""
-        return {name: launched[name] for name in [self.size] if name in launched} | {
-            self.parameter: self.sound
-        }
+        return self.former_size(launched) | {self.parameter: self.sound}
+
+    def former_size(self, launched: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the size of the launch, by its parameter; nothing for a fault without one."""
+        return {name: launched[name] for name in [self.size] if name in launched}
 
 
 def _barometer(kind: str, about: str, size: str = "") -> Fault:
@@ -50,7 +52,7 @@ FAULTS = (
     _pose("jump", "the reported pose is SIZE m off the true place, in x", "dynamics.fault.jump"),
     Fault(
         "motor-weak",
-        "the motors give SIZE of the thrust, 0.5 to 1, unknown to the controller",
+        "the motors give SIZE of the thrust, 0.5 to 1, else 0.9, unknown to the controller",
         "dynamics",
         "dynamics.fault.motors",
         0.9,
@@ -59,7 +61,7 @@ FAULTS = (
     ),
     Fault(
         "gust",
-        "gusts of wind, of SIZE m/s (RMS)",
+        "gusts of wind, of SIZE m/s (RMS), else 2",
         "dynamics",
         "dynamics.wind.gust",
         2.0,

@@ -1,6 +1,7 @@
 """`fault list`, `inject` and `clear`."""
 
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 from quadctl.cli import context, output
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 def running_values(options: Options) -> dict[str, Any]:
     """Return the vehicle's parameters, with --connect from its nodes."""
     if not options.connect:
+        context.check_vehicle(options)
         realm = Realm(options.realm)
         run_files.read(realm)
         return values_of(realm, options.vehicle)
@@ -75,9 +77,7 @@ def list_(options: Options) -> None:
 def inject(
     options: Options,
     name: Annotated[str, Arg("A fault of `fault list`; for NODE-killed e.g. safety-killed.")],
-    size: Annotated[
-        float | None, Arg("Its SIZE, as `fault list` has it (default: as the parameters have it).")
-    ] = None,
+    size: Annotated[float | None, Arg("Its SIZE, as `fault list` explains it.")] = None,
 ) -> None:
     """Put a fault in: a parameter of the simulation, or a signal to a process.
 
@@ -89,7 +89,7 @@ def inject(
     node, _, what = name.rpartition("-")
     if name == BUS_CUT:
         node, what = "hub", "frozen"
-    if node in NODES and what in OF_PROCESSES:
+    if node in _processes(options) and what in OF_PROCESSES:
         if size is not None:
             raise _without_size(name)
         signalled(options, node, OF_PROCESSES[what][0])
@@ -99,8 +99,9 @@ def inject(
             raise _without_size(name)
         if size == fault.sound:
             raise Invalid(f"{name} {size:g} is no fault", "`quadctl fault clear` takes it out")
+        launched = _launched(options)
         with context.connect(options) as client:
-            gone = _put(client, fault, size)
+            gone = _put(client, fault, size, launched)
     text = f"{name} is in" + (f", in place of {gone}" if gone else "")
     output.either(options, {"injected": name}, text)
 
@@ -116,20 +117,29 @@ def clear(
 
     Example: quadctl fault clear
     """
+    changes: list[tuple[Fault, dict[str, Any]]] = []
     if name:
-        of_process = name == BUS_CUT or name.removesuffix("-frozen") in NODES
+        of_process = name == BUS_CUT or name.removesuffix("-frozen") in _processes(options)
         named = [] if of_process else [_named(name)]
     else:
-        injected = active(running_values(options))
-        named = [fault for fault in FAULTS if fault.name in injected]
+        values, launched = running_values(options), _launched(options)
+        named = [fault for fault in FAULTS if fault.name in active(values)]
+        # A fault that another one replaced has left its size; with --connect the launch is unknown.
+        for fault in () if options.connect or not values else FAULTS:
+            size = fault.former_size(launched)
+            is_changed = any(values.get(name) != number for name, number in size.items())
+            if is_changed and fault.size != fault.parameter:
+                changes.append((fault, size))
     thawed = [found for found in frozen(options) if name in {"", found, *_cut(found)}]
     for found in thawed:
         signalled(options, found.removesuffix("-frozen"), "CONT")
     if named:
         launched = _launched(options)
+        changes += [(fault, fault.cleared(launched)) for fault in named]
+    if changes:
         with context.connect(options) as client:
-            for fault in named:
-                _set(client, fault, fault.cleared(launched))
+            for fault, sound in changes:
+                _set(client, fault, sound)
     gone = [*thawed, *(fault.name for fault in named)]
     text = "\n".join(f"{one} is out" for one in gone) or "no fault is in"
     output.either(options, {"cleared": gone}, text)
@@ -146,12 +156,20 @@ def _launched(options: Options) -> dict[str, Any]:
     return dict(flatten(run_files.launch_tables(Realm(options.realm), options.vehicle)))
 
 
-def _put(client: "Client", fault: Fault, size: float | None) -> str:
+def _processes(options: Options) -> set[str]:
+    """Return the processes that may be killed or frozen: the lab's, and those of a run here."""
+    run = run_of(options)
+    return {*NODES, *(node.name for node in (run.nodes if run else ()))}
+
+
+def _put(client: "Client", fault: Fault, size: float | None, launched: Mapping[str, Any]) -> str:
     """Put a fault in and return the one that it replaces: a parameter causes one at a time."""
     ends = time.monotonic() + client.timeout
     values = client.call(get_params(fault.node), GetParamsRequest([fault.parameter])).values
-    _set(client, fault, fault.values(size), max(ends - time.monotonic(), 0.001))
-    return next((name for name in active(values) if name != fault.name), "")
+    former = next((f for f in FAULTS if f.name in active(values) and f.name != fault.name), None)
+    wanted = (former.former_size(launched) if former else {}) | fault.values(size)
+    _set(client, fault, wanted, max(ends - time.monotonic(), 0.001))
+    return former.name if former else ""
 
 
 def _set(
@@ -160,7 +178,8 @@ def _set(
     request = SetParamsRequest(values)
     reply = client.call(set_params(fault.node), request, timeout)
     if not reply.success:
-        raise Invalid(reply.reason, "nothing was changed")
+        reason = reply.reason.removeprefix("param set: ")
+        raise Invalid(f"nothing was changed: {reason}", "`quadctl fault list` explains each SIZE")
 
 
 def _cut(found: str) -> set[str]:

@@ -45,9 +45,11 @@ def new(
     there = [name for name in texts if (folder / name).exists()]
     if there:
         raise Invalid(f"{folder / there[0]} already exists", "choose another folder")
-    with making(folder):
-        folder.mkdir(parents=True, exist_ok=True)
     with ExitStack() as undo:
+        with making(folder):
+            if not folder.is_dir():
+                folder.mkdir(parents=True)
+                undo.callback(folder.rmdir)
         for name, text in texts.items():
             write_new(folder / name, text)
             undo.callback((folder / name).unlink)

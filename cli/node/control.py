@@ -30,6 +30,7 @@ def restart(
     require_local(options, "node restart")
     if bool(names) == everything:
         raise UsageError("node restart takes the nodes' names, or --all")
+    context.check_vehicle(options)
     realm = Realm(options.realm)
     wanted = (
         [node.name for node in run_files.read(realm).nodes]
@@ -114,6 +115,7 @@ def signalled(options: Options, name: str, signal_: str) -> None:
 
 def _run(options: Options) -> RunState:
     require_local(options, "node kill")
+    context.check_vehicle(options)
     return run_files.read(Realm(options.realm))
 
 

@@ -1,6 +1,7 @@
 """Picture of a flight as a matplotlib figure."""
 
 import math
+import os
 from collections.abc import Iterable
 from io import BytesIO
 from itertools import groupby, pairwise
@@ -11,6 +12,7 @@ from quadctl.cli.plot.track import Phase, RecordedFlight, Spot, Track
 from quadctl.schemas.messages import CageSize, Zone
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.files import write_whole
+from quadctl.services.runtime.realm import spare_folder
 
 CAGE, TAKEN, REFUSED, AIR = "#57606a", "#1a7f37", "#cf222e", "#8250df"
 STATES = {"HOVERING": "#c9d1d9", "VERIFYING": "#d4a72c", "MOVING": "#79c0ff"}
@@ -126,7 +128,11 @@ def draw(file: Path, flight: RecordedFlight, title: str) -> None:
     if file.suffix.lower() not in {".png", ".svg"}:
         raise Invalid(f"{file}: no such picture format", "use a name ending in .png or .svg")
     if not flight.flown():
-        raise Invalid("nothing to draw: no pose arrived", "`quadctl topic hz pose`")
+        raise Invalid(
+            "nothing to draw: there is no pose in it",
+            "`quadctl bag info` shows what a recording has",
+        )
+    _make_settings_folder()
     from matplotlib.figure import Figure
 
     tracks = flight.flown()
@@ -138,6 +144,13 @@ def draw(file: Path, flight: RecordedFlight, title: str) -> None:
     picture = BytesIO()
     figure.savefig(picture, format=file.suffix[1:].lower(), dpi=120)
     write_whole(file, picture.getvalue())
+
+
+def _make_settings_folder() -> None:
+    """Give matplotlib a folder of this user's for its settings where no home can be written to."""
+    home = os.environ.get("HOME", "")
+    if "MPLCONFIGDIR" not in os.environ and home and not os.access(home, os.W_OK):
+        os.environ["MPLCONFIGDIR"] = str(spare_folder("matplotlib"))
 
 
 def _views(figure: Any, place: Any, tracks: dict[str, Track]) -> None:

@@ -18,6 +18,7 @@ from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError
 from quadctl.services.runtime.files import already_exists
+from quadctl.services.runtime.shutdown import uninterrupted
 
 ENDING = ".mcap"
 
@@ -34,6 +35,7 @@ def free(path: Path) -> None:
 
 
 _PATIENCE = 10.0  # s for the recorder to complete its file
+_CTRL_C = 128 + signal.SIGINT
 
 
 class Recorder:
@@ -50,9 +52,11 @@ class Recorder:
         self._file = file
         # A separate session: Ctrl-C reaches only this command, which passes it on. When this
         # process is killed, its end of stdin closes and the recorder ends too.
-        self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )
+        # Until its handler is there it takes no Ctrl-C, which would end its imports.
+        with uninterrupted():
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+            )
         self._limit = threading.Timer(_PATIENCE, self._process.kill)
         self._limit.daemon = True
 
@@ -82,6 +86,8 @@ class Recorder:
             if facts["state"] == "done":
                 return
         code = self._process.wait(_PATIENCE)
+        if code == _CTRL_C:  # that came before it had begun
+            sys.exit(code)
         hint = "see its lines above"
         if self._file.exists():
             hint = f"`quadctl bag repair {self._file}` recovers what it has recorded"

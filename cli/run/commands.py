@@ -121,7 +121,9 @@ def status(options: Options) -> None:
     title = ("VEHICLES", "NAME", "STATE", "PID", "RESTARTS", "UPTIME", "MEMORY")
     output.listing(run.vehicles, [title, *rows])
     for fault in faults:
-        output.line(f"fault: {fault}; `quadctl fault clear` removes it")
+        vehicle, _, rest = fault.partition(" ")
+        named = f" --vehicle {vehicle}" if rest and len(run.vehicles) > 1 else ""
+        output.line(f"fault: {fault}; `quadctl fault clear{named}` removes it")
     if unproven:
         output.line(f"warning: no promise holds for {listed(unproven)}: dynamics.unproven")
 

@@ -105,11 +105,11 @@ def call(
         output.fields(reply)
     verdict = reply if isinstance(reply, dict) else {}
     if verdict.get("accepted") is False or verdict.get("success") is False:
-        node = service.node if service else ""
-        raise Refused(
-            verdict.get("reason") or f"{name} refused",
-            "`quadctl cage show` and `quadctl state` show more" if node == STATE.node else "",
-        )
+        reason = verdict.get("reason") or f"{name} refused"
+        hint = "`quadctl cage show` and `quadctl state` show more"
+        if reason.startswith("busy"):
+            hint = "`replace=true` changes course"
+        raise Refused(reason, hint if service and service.node == STATE.node else "")
 
 
 def _call_known(options: Options, service: Service[Any, Any], words: list[str]) -> Any:

@@ -12,7 +12,14 @@ from typing import NamedTuple
 from quadctl.services.runtime.errors import Invalid
 
 _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
-_REMEDIES = dict.fromkeys(_FULL, "make room on its disk") | {errno.ENOENT: "make its folder first"}
+_REMEDIES = dict.fromkeys(_FULL, "make room on its disk") | {
+    errno.ENOENT: "make its folder first",
+    errno.EISDIR: "name a file",
+}
+_UNREADABLE = {
+    errno.EACCES: "give it to your user, or name another file",
+    errno.EISDIR: "name a file in it",
+}
 
 _MOST_BYTES = 1_000_000
 """Bytes of the largest text that is read; parameters of a thousand vehicles have a tenth of this."""
@@ -46,7 +53,7 @@ def read_text(file: Path, hint: str) -> Text:
             # Pipes are allowed, but a device such as /dev/zero never ends.
             data = opened.read(_MOST_BYTES + 1)
     except OSError as error:
-        raise Invalid(f"{file} cannot be read: {error.strerror}", hint) from error
+        raise unreadable(file, error, hint) from error
     if len(data) > _MOST_BYTES:
         raise Invalid(f"{file} is too large: it has more than 1 MB", hint)
     mark, encoding = _encoding(data)
@@ -77,6 +84,14 @@ def write_whole(path: Path, data: bytes) -> None:
             path.write_bytes(data)
             return
         target = path.resolve()
+        if target.exists():
+            if target.stat().st_nlink > 1:
+                raise Invalid(
+                    f"{path} has another name as well, a hard link, which would keep the old content",
+                    "copy it, and write the copy",
+                )
+            if not os.access(target, os.W_OK):  # a folder that may be written to would permit it
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         fresh = target.with_name(f".{target.name}.{os.getpid()}")
         try:
             with fresh.open("xb") as out:
@@ -114,6 +129,9 @@ def free_name(stem: str, suffix: str) -> Path:
 
 def write_new(path: Path, text: str) -> None:
     """Write a text to a new file, whole or not at all; raise Invalid if it cannot be written."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        write_whole(path, text.encode())  # a pipe, e.g. /dev/stdout
+        return
     with making(path), path.open("x", encoding="utf-8") as out:
         try:
             out.write(text)
@@ -134,10 +152,26 @@ def making(path: Path) -> Iterator[None]:
         raise unwritable(path, error) from error
 
 
+def unreadable(path: Path, error: OSError, hint: str) -> Invalid:
+    """Return the error for a file that cannot be read; `hint` is the remedy if there is none."""
+    hint = _UNREADABLE.get(error.errno or 0, hint)
+    return Invalid(f"{path} cannot be read: {error.strerror}", hint)
+
+
 def unwritable(path: Path, error: OSError) -> Invalid:
     """Return the error for a file that the machine does not let us write, with a remedy."""
-    hint = _REMEDIES.get(error.errno or 0, "choose a folder that you may write to")
+    hint = _REMEDIES.get(error.errno or 0, "choose a folder and a file that you may write to")
+    if error.errno == errno.ENOENT and _is_here_deleted():
+        hint = "`cd` to another folder: this one was deleted"
     return Invalid(f"{path} cannot be written: {error.strerror}", hint)
+
+
+def _is_here_deleted() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def already_exists(path: Path, *, force: bool = False) -> Invalid:

@@ -105,13 +105,13 @@ def test_on_a_full_disk_nothing_is_left_half_written(shared: Lab):
         "campaign --flights 2 --report page.html",
     )
     for line in lines:
-        done = shared.run([*full, *shared.command(*line.split())])
+        # Python would leave half of a compiled module as well.
+        done = shared.run([*full, *shared.command(*line.split())], PYTHONDONTWRITEBYTECODE="1")
         assert done.code == 6, done
         assert "Traceback" not in done.err
         assert "File too large\n  try: make room on its disk" in done.err
     left = {path.name for path in shared.folder.iterdir()} - before
-    assert sorted(left - {"tables", "mine"}) == []
-    assert [*(shared.folder / "tables").iterdir(), *(shared.folder / "mine").iterdir()] == []
+    assert sorted(left) == []
 
 
 def shows(process: Foreground, line: str) -> bool:

@@ -64,12 +64,21 @@ def test_a_fault_takes_its_size_in_one_command_and_loses_it_when_cleared(
         assert faulty.quadctl("param", "get", name).out == f"{value}\n"
     assert faulty.quadctl("fault", "clear").code == 0
     assert faulty.quadctl("param", "get", *names).out == before
+    # One fault in place of another, and one that a parameter took out.
+    assert faulty.quadctl("fault", "inject", "pose-jump", "0.2").code == 0
+    replaced = faulty.quadctl("fault", "inject", "pose-delayed", "0.1")
+    assert replaced.out == "pose-delayed is in, in place of pose-jump\n"
+    assert faulty.quadctl("param", "get", "dynamics.fault.jump").out == "3.0\n"
+    assert faulty.quadctl("param", "set", "dynamics.fault.pose", "none").code == 0
+    assert faulty.quadctl("fault", "clear").out == "no fault is in\n"
+    assert faulty.quadctl("param", "get", *names).out == before
     for line, code, what in (
         ("barometer-stuck 5", 2, "barometer-stuck has no size"),
         ("safety-killed 5", 2, "safety-killed has no size"),
         ("motor-weak 1", 6, "is no fault"),
         ("barometer-glitch 1e9", 6, "<= 100"),
         ("barometer-glitch five", 2, "five"),
+        ("safety-killed --vehicle zzz", 3, "this run has no vehicle zzz"),
     ):
         refused = faulty.quadctl("fault", "inject", *line.split())
         assert (refused.code, what in refused.err) == (code, True), refused

@@ -80,6 +80,13 @@ def test_doctor_and_the_log_of_a_frozen_process_show_that_it_was_killed(students
 
 
 @pytest.mark.thorough
+def test_a_fault_of_an_own_process_is_cleared_by_the_name_that_the_list_shows(students: Lab):
+    assert students.quadctl("fault", "inject", "scale-frozen").out == "scale-frozen is in\n"
+    assert "in  scale-frozen" in students.quadctl("fault", "list").out
+    assert students.quadctl("fault", "clear", "scale-frozen").out == "scale-frozen is out\n"
+
+
+@pytest.mark.thorough
 def test_the_log_of_a_killed_process_shows_its_signal(students: Lab):
     killed = students.signal("pressure", signal.SIGKILL)
     students.revived("pressure", killed)

@@ -16,7 +16,7 @@ from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.files import unreadable
 
 _INDEX: dict[int, Any] = {
     Opcode.FOOTER: Footer,
@@ -174,6 +174,4 @@ def opened(path: Path) -> IO[bytes]:
     try:
         return path.open("rb")
     except OSError as error:
-        raise Invalid(
-            f"{path} cannot be read: {error.strerror}", "`quadctl record` writes recordings"
-        ) from error
+        raise unreadable(path, error, "`quadctl record` writes recordings") from error

@@ -23,10 +23,12 @@ def stop_run(realm: Realm, timeout: float = 5.0) -> RunState:
     deadline = time.monotonic() + timeout
     while is_live(realm) or _is_there(run.pid):
         if time.monotonic() > deadline:
-            raise TimedOut(
-                f"process {run.pid} has not ended within {timeout:g} s",
-                f"wait longer with --timeout, or kill -9 {run.pid}: its children end by themselves",
+            hint = (
+                f"wait longer with --timeout, or kill -9 {run.pid}: its children end by themselves"
             )
+            if procfs.is_frozen(run.pid):
+                hint = f"it is frozen (stopped by a signal): `kill -CONT {run.pid}`"
+            raise TimedOut(f"process {run.pid} has not ended within {timeout:g} s", hint)
         time.sleep(_STOP_POLL)
     return run
 

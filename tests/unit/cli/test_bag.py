@@ -228,7 +228,7 @@ def test_a_recording_without_poses_is_not_plotted(quadctl: Quadctl, tmp_path: Pa
     write(tmp_path / "none.mcap", [raw_message("my/own", b"x", 0, "text/plain")])
     result = quadctl("plot", "none.mcap")
     assert (result.code, result.out) == (6, "")
-    assert result.err.startswith("error: nothing to draw: no pose arrived")
+    assert result.err.startswith("error: nothing to draw: there is no pose in it")
 
 
 def test_a_recording_without_a_message_is_repaired_and_read(quadctl: Quadctl, bag: Path):

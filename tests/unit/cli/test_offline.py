@@ -267,6 +267,7 @@ def test_a_type_before_a_request_is_ignored(quadctl: Quadctl, line: str):
     [
         ("goto 1,5 0 1", "1.5: a number has a point"),
         ("goto 0 0 1 --arrive 5,0", "5.0: a number has a point"),
+        ("goto 1, 0, 1", "1: without a comma"),
         ("goto 1,2,1", "`quadctl goto 1 2 1`: without commas"),
         ("param set safety.zones [1, 2]", "`quadctl param set safety.zones '[1, 2]'`"),
         ("param set dynamics.start {x: 1, y: 2}", "`quadctl param set dynamics.start '{x: 1, y: 2}'`"),

@@ -264,6 +264,21 @@ def test_a_recording_in_use_is_not_repaired_and_a_removed_one_is_reported(module
 
 
 @pytest.mark.thorough
+def test_a_ctrl_c_while_the_recorder_starts_leaves_nothing_or_a_whole_file(module_lab: Lab):
+    for number in range(8):
+        file = module_lab.folder / f"early{number}.mcap"
+        run = module_lab.spawn(*module_lab.command("record", "-o", file))
+        children = Path(f"/proc/{run.pid}/task/{run.pid}/children")
+        eventually(children.read_text)
+        time.sleep(0.03 * number)  # into its imports
+        run.send(signal.SIGINT)
+        code = run.wait()
+        assert (code, file.exists()) in {(130, False), (0, True)}, run.log
+        assert "Traceback" not in run.log
+        assert code or Bag(file).problem == ""
+
+
+@pytest.mark.thorough
 def test_a_file_that_is_moved_is_completed_and_reported(module_lab: Lab):
     file, moved = module_lab.folder / "before.mcap", module_lab.folder / "after.mcap"
     run = recording(module_lab, "-o", file)

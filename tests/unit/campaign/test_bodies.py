@@ -173,14 +173,14 @@ def test_a_goal_is_reached_with_the_least_acceptance_range(seed: int):
     assert (state.state, state.reason) == ("HOVERING", "")
 
 
-@pytest.mark.parametrize("flights", [4, pytest.param(200, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("flights", [4, pytest.param(80, marks=pytest.mark.thorough)])
 def test_random_bodies_of_the_table_stay_within_the_margin_in_force(flights: int):
     for windy in (False, True):
         share, flight = search(flights, windy=windy)
         assert share <= 1, flight
 
 
-@pytest.mark.parametrize("flights", [2, pytest.param(40, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("flights", [2, pytest.param(16, marks=pytest.mark.thorough)])
 def test_soft_bodies_of_the_table_stay_in_their_boxes_out_of_zones_and_apart(flights: int):
     assert stops.search(5 * flights) <= 0
     assert zone_flights.search(flights, soft=True)[0] <= MOST

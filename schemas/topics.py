@@ -55,6 +55,9 @@ class Topic(Generic[M]):
         self.name, self.type, self.node = name, type_, node
         self.hz, self.doc, self.latched = hz, doc, latched
 
+    def __repr__(self) -> str:
+        return f"<topic {self.name}: {self.type.__name__}>"
+
     def key(self, vehicle: str) -> str:
         """Return the Zenoh key, e.g. `uav/sensors/pressure`."""
         return f"{vehicle}/{self.name}"
@@ -82,6 +85,9 @@ class Service(Generic[Q, R]):
     ) -> None:
         self.name, self.request, self.response = name, request, response
         self.node, self.doc, self.reads = node, doc, reads
+
+    def __repr__(self) -> str:
+        return f"<service {self.name}: {self.type_name}>"
 
     @property
     def type_name(self) -> str:

@@ -70,10 +70,10 @@ def _live(options: Options, duration: float) -> RecordedFlight:
     flight = RecordedFlight()
     with context.connect(options) as client, Progress("listening", quiet=options.json) as progress:
         stream = client.listen(*drawn("*"), backlog=1_000_000)
-        if not options.json:
-            output.note(f"listening for {duration:g} s; Ctrl-C ends it sooner")
         began = received = time.monotonic()
         try:
+            if not options.json:
+                output.note(f"listening for {duration:g} s; Ctrl-C ends it sooner")
             while (now := time.monotonic()) < began + duration:
                 # Poses always come while a vehicle is up; without them there is no picture.
                 message = stream.next(min(began + duration - now, client.timeout))

@@ -15,6 +15,7 @@ _FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 _REMEDIES = dict.fromkeys(_FULL, "make room on its disk") | {
     errno.ENOENT: "make its folder first",
     errno.EISDIR: "name a file",
+    errno.ENAMETOOLONG: "give it a shorter name",
 }
 _UNREADABLE = {
     errno.EACCES: "give it to your user, or name another file",
@@ -117,8 +118,12 @@ def _like(target: Path, descriptor: int) -> None:
 
 def refuse_existing(path: Path, *, force: bool) -> None:
     """Raise Invalid if a command would overwrite a file without its `--force`."""
-    if not force and (path.is_file() or path.is_dir()):
-        raise already_exists(path, force=path.is_file())
+    try:
+        is_there, is_file = path.is_file() or path.is_dir(), path.is_file()
+    except OSError as error:  # e.g. its name is too long
+        raise unwritable(path, error) from error
+    if is_there and not force:
+        raise already_exists(path, force=is_file)
 
 
 def free_name(stem: str, suffix: str) -> Path:

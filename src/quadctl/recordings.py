@@ -1,6 +1,7 @@
 """Recordings as NumPy arrays."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,7 @@ def read(file: str | os.PathLike[str]) -> Recording:
     rows: dict[str, list[Any]] = {}
     times: dict[str, list[int]] = {}
     argument("file", file, (str, os.PathLike), "the path of a recording")
+    argument("file", os.fspath(file), str, "the path of a recording")
     bag = Bag(Path(file))
     for message in bag.messages(lambda channel: DERIVED not in channel.metadata):
         rows.setdefault(message.key, []).append(message.value)
@@ -92,7 +94,8 @@ def _column(values: list[Any]) -> npt.NDArray[Any]:
     if all(isinstance(value, dict) and _is_vector(value) for value in values):
         names = list(values[0])
         if all(list(value) == names for value in values):
-            return np.array([list(value.values()) for value in values], dtype=float)
+            with suppress(OverflowError):  # an int with more than 308 digits
+                return np.array([list(value.values()) for value in values], dtype=float)
     column = np.empty(len(values), dtype=object)
     column[:] = values
     return column

@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from numbers import Integral
 from pathlib import Path
 from secrets import token_hex
 from typing import Any, Self
-from weakref import finalize
+from weakref import WeakSet, finalize
 
 from msgspec.structs import replace
 
@@ -16,12 +16,15 @@ from quadctl.services.runtime.errors import (
     AlreadyServed,
     Invalid,
     QuadctlError,
+    TimedOut,
     Unreachable,
     UsageError,
 )
+from quadctl.services.runtime.files import refuse_existing
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.params.names import put
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, listed, vehicle_name
+from quadctl.services.runtime.run_files import is_live
 from quadctl.services.runtime.supervisor import capacity
 from quadctl.services.runtime.supervisor.control import stop_run
 from quadctl.services.runtime.supervisor.daemon import end, start_in_background
@@ -45,8 +48,9 @@ class Run:
         """Start the processes; raise as `start_in_background`, with nothing left running."""
         self.realm = launch.realm
         # Not by a fork: it would inherit the files, the memory and the state of the program.
-        supervisor = start_in_background(replace(launch, owned=True), on_progress, fork=False)
-        self._stop = finalize(self, _stop, Realm(launch.realm), supervisor)
+        self._supervisor = start_in_background(replace(launch, owned=True), on_progress, fork=False)
+        self._stop = finalize(self, _stop, Realm(launch.realm), self._supervisor, os.getpid())
+        _runs.add(self)
         try:
             client = Client(launch.realm, launch.vehicles[0], timeout=timeout)
             self._clients = [client]
@@ -66,16 +70,17 @@ class Run:
         return next(iter(self.vehicles.values()))
 
     def __repr__(self) -> str:
-        state = "running" if self._stop.alive else "ended"
+        state = "running" if self._stop.alive and is_live(Realm(self.realm)) else "ended"
         return f"<run {self.realm} of {listed(list(self.vehicles))}, {state}>"
 
     def logs(self) -> dict[str, list[str]]:
         """Return the lines that each process has logged so far, by its name; raise after `close`."""
-        if not self._stop.alive:
+        folder = Realm(self.realm).logs
+        if not (self._stop.alive and folder.is_dir()):
             raise Unreachable(
                 f"the run {self.realm} has ended, and its logs with it", "read them before close()"
             )
-        files = sorted(Realm(self.realm).logs.glob("*.log"))
+        files = sorted(folder.glob("*.log"))
         return {file.stem: file.read_text(errors="replace").splitlines() for file in files}
 
     def close(self) -> None:
@@ -118,8 +123,15 @@ def launch(
     realm runs already, and QuadctlError, with the last lines of its log, for a node that fails.
     """
     with _one_traceback():
-        positive_time("timeout", timeout)
-        plan = _plan(config, params or {}, vehicles, realm, processes or {}, record)
+        timeout = positive_time("timeout", timeout)
+        plan = _plan(
+            config,
+            {} if params is None else params,
+            vehicles,
+            realm,
+            {} if processes is None else processes,
+            record,
+        )
         try:
             return Run(plan, timeout, lambda _line: None)
         except AlreadyServed as problem:
@@ -135,6 +147,9 @@ def _one_traceback() -> Iterator[None]:
         yield
     except QuadctlError as problem:
         raise problem from None
+    except (UnicodeEncodeError, RecursionError) as error:
+        hint = "give texts in Unicode, and tables without an end in themselves"
+        raise Invalid(f"a parameter cannot be written: {error}", hint) from None
 
 
 def _plan(
@@ -148,6 +163,8 @@ def _plan(
     """Return the checked settings of a launch with these arguments."""
     argument("params", params, Mapping, "a table of parameters by dotted name")
     argument("vehicles", vehicles, Integral, "a number of vehicles")
+    if vehicles < 1:
+        raise Invalid(f"vehicles = {vehicles} is not a number of vehicles", "give 1 or more")
     argument("processes", processes, Mapping, "a table of commands by node")
     names = [DEFAULT] if vehicles == 1 else load.names(DEFAULT, vehicles)
     source = None if config is None else _path("config", config)
@@ -160,7 +177,7 @@ def _plan(
     fleet = load.of(table, f"{origin} with params" if params else origin, names)
     folder = source.resolve().parent if source else Path.cwd()
     recording = "" if record is None else str(_new_file("record", record).resolve())
-    argument("realm", realm or "", str, "a name")
+    argument("realm", "" if realm is None else realm, str, "a name")
     name = realm or f"py-{os.getpid()}-{token_hex(2)}"
     plan = Launch(Realm(name).name, fleet, [], str(folder), recording)
     plan.processes()
@@ -170,6 +187,7 @@ def _plan(
 
 def _path(name: str, given: str | os.PathLike[str]) -> Path:
     argument(name, given, (str, os.PathLike), "the path of a file")
+    argument(name, os.fspath(given), str, "the path of a file")
     return Path(given)
 
 
@@ -177,6 +195,7 @@ def _new_file(name: str, given: str | os.PathLike[str]) -> Path:
     path = _path(name, given)
     if not path.absolute().parent.is_dir():
         raise Invalid(f"{name} = {given}: there is no folder {path.parent}", "make it first")
+    refuse_existing(path, force=False)
     return path
 
 
@@ -226,14 +245,39 @@ def connect(
     are there, and TimedOut if the hub does not answer.
     """
     for title, given in (("realm", realm), ("vehicle", vehicle), ("connect", connect)):
-        argument(title, given or "", str, "a name")
-    positive_time("timeout", timeout)
+        argument(title, "" if given is None else given, str, "a name")
+    timeout, connect = positive_time("timeout", timeout), connect or ""
     place = realm or default_name()
     named = vehicle or os.environ.get("QUADCTL_VEHICLE")
     name = vehicle_name(named) if named else only_vehicle(place, connect, timeout)
     return Connection(Client(place, name, connect=connect, timeout=timeout))
 
 
-def _stop(realm: Realm, supervisor: Any) -> None:
-    stop_run(realm)
+_runs: "WeakSet[Run]" = WeakSet()
+
+
+def _let_go() -> None:
+    """Close what a forked process has of its parent's runs: they end with the parent."""
+    for run in _runs:
+        if (pipe := run._supervisor.stdin) is not None:  # noqa: SLF001 - our own
+            pipe.close()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go)
+
+
+def _stop(realm: Realm, supervisor: Any, maker: int) -> None:
+    """End a run, however it has ended or hangs; a fork of its maker leaves it alone."""
+    if os.getpid() != maker:
+        return
+    try:
+        stop_run(realm)
+    except Unreachable:
+        pass  # it has ended otherwise
+    except TimedOut:
+        supervisor.kill()  # frozen: its processes end with it
     end(supervisor)
+    if not is_live(realm):
+        with suppress(OSError):
+            realm.remove()

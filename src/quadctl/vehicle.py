@@ -42,7 +42,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
-from quadctl.services.runtime.typed import converted, positive_time
+from quadctl.services.runtime.typed import converted, plain, positive_time, require
 
 if TYPE_CHECKING:
     from quadctl.parameters import ParamTable
@@ -106,6 +106,7 @@ def goal_of(
 
 def _metres(axis: str, value: object) -> float:
     """Return a coordinate as a plain float, which NumPy's numbers are not; raise Invalid for others."""
+    value = plain(value)  # an array of one number, too
     if not isinstance(value, bool) and isinstance(value, Real):
         try:
             return float(value)
@@ -305,7 +306,7 @@ class Flight:
         Client.silent's error if messages stop.
         """
         if timeout is not None:
-            positive_time("timeout", timeout)
+            timeout = positive_time("timeout", timeout)
         metres = self.begin()
         if timeout is None:
             timeout = 0.0 if self._is_over else patience(self._client, metres)
@@ -351,7 +352,7 @@ class Flight:
 
     def settle(self, timeout: float = _SETTLING) -> Arrival:
         """Wait, after the arrival, until the vehicle rests; raise TimedOut after `timeout` s."""
-        positive_time("timeout", timeout)
+        timeout = positive_time("timeout", timeout)
         pose = slowed(self._client, _RESTS, timeout, _AT_REST)
         if pose is None:
             raise restless(timeout, " of its arrival")
@@ -362,7 +363,7 @@ class Flight:
     def refusal(self) -> Refused:
         """Return the error for a goal that was refused, or a flight that was stopped."""
         if self.accepted:
-            text = f"the flight was stopped: {self._reason}"
+            text = f"the flight was stopped: {self._reason}" if self._reason else "it is under way"
             return Refused(text, "`quadctl state` shows more", reason=self._reason)
         hint = hint_for(self._reason, self._request, self._offers())
         return Refused(self._reason, hint, reason=self._reason)
@@ -426,18 +427,31 @@ class Flight:
 class Watch(Generic[M]):
     """Iterator over a topic's messages as they come, for so many seconds of the reader's clock.
 
-    Of unread messages the oldest beyond 10 000 are dropped, and `lost` counts them.
+    Of unread messages the oldest beyond 10 000 are dropped, and `lost` counts them. Raises
+    Client.silent's error if the hub, or the publisher of a topic with a rate, is silent for longer
+    than the client's timeout.
     """
 
     def __init__(self, client: Client, topic: Topic[M], seconds: float) -> None:
-        positive_time("seconds", seconds)
-        self._client, self._name = client, getattr(topic, "name", "")
-        self._ends = time.monotonic() + seconds
+        require(topic, Topic, "POSE")
+        self._client, self._topic = client, topic
+        self._ends = time.monotonic() + positive_time("seconds", seconds)
         self._messages: TypedSubscriber[M] = client.subscribe(topic)
         self._end = finalize(self, self._messages.close)
 
     def __repr__(self) -> str:
-        return f"<watch of {self._name} of {self._client.vehicle}, {self.lost} lost>"
+        return f"<watch of {self._topic.name} of {self._client.vehicle}, {self.lost} lost>"
+
+    def _check_silence(self, seconds: float) -> None:
+        client, key = self._client, self._topic.key(self._client.vehicle)
+        if seconds <= client.timeout:
+            return
+        # A topic without a rate may be silent, and one of a slow simulation comes late.
+        if client.is_connected and (
+            not self._topic.hz or any(offer.key == key for offer in client.endpoints("@pub"))
+        ):
+            return
+        raise client.silent(key, self._messages.problem)
 
     @property
     def lost(self) -> int:
@@ -448,11 +462,15 @@ class Watch(Generic[M]):
         return self
 
     def __next__(self) -> M:
+        since = time.monotonic()
         while (left := self._ends - time.monotonic()) > 0:
             self._client.session  # noqa: B018 - raises if nothing can come any more
             message = self._messages.next(min(left, _LONGEST_WAIT))
             if message is not None:
                 return message
+            self._check_silence(time.monotonic() - since)
+        if not self._client.is_connected:
+            self._check_silence(math.inf)
         self._end()
         raise StopIteration
 
@@ -546,7 +564,7 @@ class Vehicle:
         A program begins with it after a launch: the vehicle still climbs, and a baseline of
         `calibrate` would be wrong. Raises TimedOut, with the cause, after `timeout` (s).
         """
-        positive_time("timeout", timeout)
+        timeout = positive_time("timeout", timeout)
         ends = time.monotonic() + timeout
         # The latched state: a vehicle that hovers already may publish no other for a second.
         while not hovers(state := self.state()):
@@ -576,7 +594,9 @@ class Vehicle:
     def cage(self, *, on: bool) -> None:
         """Turn the cage on or off; raise Refused if safety does not."""
         if not self.client.call(TOGGLE_CAGE, ToggleCageRequest(on)).success:
-            raise Refused(f"safety did not turn the cage {'on' if on else 'off'}")
+            raise Refused(
+                f"safety did not turn the cage {'on' if on else 'off'}", "`quadctl state` shows why"
+            )
 
     def pose(self) -> Pose:
         """Return the vehicle's next pose."""
@@ -629,5 +649,6 @@ def topic_named(name: str) -> Topic[Any]:
 
     names = [topic.name for topic in TOPICS]
     raise Invalid(
-        f"there is no topic {name}", nearest(bare, names) or f"there are {', '.join(names)}"
+        f"there is no topic {name:.80}",
+        nearest(bare, names) or f"there are {', '.join(names)}",
     )

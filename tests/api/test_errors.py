@@ -1,15 +1,30 @@
 """What leaves the API is a quadctl.Error with a hint: wrong arguments, and use after the end."""
 
+import os
+import signal
+import subprocess
+import sys
+import threading
 from collections.abc import Callable, Iterator
+from decimal import Decimal
+from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import quadctl
+from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.topics import GOTO, POSE, STATE
+from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.run_files import read
+from quadctl.services.runtime.supervisor.control import stop_run
+from tests.support.running import DEADLINE, alive, eventually
 
 FAST = {"dynamics.speed": 0}
+ENDLESS: list[Any] = []
+ENDLESS.append(ENDLESS)
 Use = Callable[[Any], object]
 
 
@@ -28,6 +43,9 @@ def run() -> Iterator[quadctl.Run]:
         {"vehicles": "2"}, {"vehicles": True}, {"vehicles": 2.5}, {"vehicles": 0}, {"realm": 5},
         {"realm": "../x"}, {"processes": ["x"]}, {"processes": {"safety": 5}}, {"record": 5},
         {"record": "no/such/x.mcap"}, {"timeout": "x"}, {"timeout": -1}, {"timeout": float("nan")},
+        {"config": "\0"}, {"config": "\ud800"}, {"record": ""}, {"record": "a" * 300},
+        {"params": False}, {"params": {"\ud800": 1}}, {"params": {"hub.transport": "\ud800"}},
+        {"params": {"hub.listen": ENDLESS}}, {"realm": 0.0},
     ],
     ids=str,
 )  # fmt: skip
@@ -39,7 +57,14 @@ def test_a_wrong_argument_of_a_launch_starts_nothing(arguments: dict[str, Any]):
 
 @pytest.mark.parametrize(
     "arguments",
-    [{"realm": 5}, {"vehicle": [1]}, {"connect": 5}, {"connect": "nonsense"}, {"timeout": None}],
+    [
+        {"realm": 5},
+        {"realm": 0.0},
+        {"vehicle": [1]},
+        {"connect": 5},
+        {"connect": "nonsense"},
+        {"timeout": None},
+    ],
     ids=str,
 )
 def test_a_wrong_argument_of_a_connection_is_refused(arguments: dict[str, Any]):
@@ -48,7 +73,7 @@ def test_a_wrong_argument_of_a_connection_is_refused(arguments: dict[str, Any]):
     assert raised.value.hint
 
 
-@pytest.mark.parametrize("file", [5, None, "/", "no/such.mcap"])
+@pytest.mark.parametrize("file", [5, None, "/", "no/such.mcap", "a\0b", "\ud800", "a" * 300])
 def test_what_is_no_recording_is_refused(file: Any):
     with pytest.raises(quadctl.Invalid) as raised:
         quadctl.read(file)
@@ -74,6 +99,19 @@ WRONG: dict[str, Use] = {
     "a text as a latched topic": lambda quad: quad.client.latest("state"),
     "a topic that is not latched": lambda quad: quad.client.latest(POSE),
     "a text as a topic": lambda quad: quad.client.first("pose"),
+    "a text as a server to wait for": lambda quad: quad.client.wait_for_server("goto"),
+    "a topic as a key": lambda quad: quad.client.listen(POSE),
+    "a topic as a key to publish": lambda quad: quad.client.raw_publisher(POSE),
+    "a key with an empty part": lambda quad: quad.client.listen("a//b"),
+    "a key with a mark": lambda quad: quad.client.raw_publisher("a#b"),
+    "keys to replay": lambda quad: quad.client.stage({"a//b": ""}),
+    "nothing as a payload": lambda quad: quad.client.raw_publisher("own/x").put(None),
+    "a text as a call's time": lambda quad: quad.client.call(GOTO, GotoRequest(0, 0, 1), "x"),
+    "a time of a call that is over": lambda quad: quad.client.call(GOTO, GotoRequest(0, 0, 1), -1),
+    "half a character": lambda quad: quad.params.update({"safety.takeoff": "\ud800"}),
+    "a list in itself": lambda quad: quad.params.update({"hub.listen": ENDLESS}),
+    "a decimal number": lambda quad: quad.goto(Decimal(1), 0, 1),
+    "no vehicle": lambda quad: quadctl.Client(quad.client.realm.name, 3),  # type: ignore[arg-type]
     "a text to subscribe to": lambda quad: quad.client.subscribe("pose"),
 }
 
@@ -98,8 +136,13 @@ def test_an_unknown_vehicle_is_a_key_error_that_names_the_others(run: quadctl.Ru
     assert raised.value.hint == "there are uav"
 
 
-def test_numbers_of_numpy_are_numbers(run: quadctl.Run):
+def test_numbers_of_numpy_and_fractions_are_numbers(run: quadctl.Run):
     quad = run.vehicle
+    goal: tuple[Any, ...] = (np.array(0.25), Fraction(1, 4), np.float32(1))
+    patience: Any = np.float16(30)
+    quad.goto(*goal, timeout=patience, replace=True)
+    quad.params["safety.takeoff"] = Fraction(5, 4)
+    assert quad.params["safety.takeoff"] == 1.25
     quad.params.update({"safety.takeoff": np.float32(1.5), "safety.acceptance_range": np.int64(1)})
     assert (quad.params["safety.takeoff"], quad.params["safety.acceptance_range"]) == (1.5, 1.0)
     assert isinstance(next(quad.watch("pose", seconds=np.float64(30))).seq, int)
@@ -157,9 +200,106 @@ def test_what_was_begun_before_the_end_says_that_it_is_over(closed: Any):
             flight.wait()
 
 
+@pytest.mark.parametrize("seconds", [float("inf"), 1e18, 10**400, Fraction(60)], ids=str)
+def test_a_time_may_be_as_long_as_it_likes(run: quadctl.Run, seconds: Any):
+    with quadctl.connect(run.realm, timeout=seconds) as quad:
+        assert quad.pose().boot == quad.state().boot
+        quad.goto(0, 0, 1.1, timeout=seconds, replace=True)
+
+
+def test_a_connection_may_be_closed_while_others_use_it(run: quadctl.Run):
+    quad, seen = quadctl.connect(run.realm), list[BaseException]()
+
+    def use() -> None:
+        try:
+            while True:
+                quad.state()
+        except BaseException as error:  # noqa: BLE001 - looked at below
+            seen.append(error)
+
+    threads = [threading.Thread(target=use) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    quad.state()
+    quad.close()
+    for thread in threads:
+        thread.join(DEADLINE)
+    assert [type(error) for error in seen] == [quadctl.Unreachable] * 3
+
+
+CHILD = """
+import os, sys, quadctl
+run = quadctl.launch(params={"dynamics.speed": 0})
+quad, realm = run.vehicle, run.realm
+watch = quad.watch("pose")
+for use in (quad.pose, quad.hold, lambda: next(watch), lambda: quadctl.connect(realm)):
+    child = os.fork()
+    if child == 0:
+        try:
+            use()
+        except quadctl.Unreachable as error:
+            assert "forked" in error.message and "spawn" in error.hint
+            repr(run), repr(quad)
+            quad.client.close()
+            run.close()
+            sys.exit(7)
+        sys.exit(1)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+print(quad.pose().seq >= 0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_leaves_the_run_of_its_parent_alone():
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD], capture_output=True, text=True, check=False, timeout=DEADLINE
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "7\n7\n7\n7\nTrue\n", "")
+
+
+def ended_by(run: quadctl.Run, how: str) -> None:
+    supervisor = read(Realm(run.realm)).pid
+    if how == "down":
+        stop_run(Realm(run.realm))
+    else:
+        os.kill(supervisor, signal.SIGKILL if how == "kill -9" else signal.SIGSTOP)
+    if how == "kill -9":
+        eventually(lambda: not alive(supervisor))
+
+
+@pytest.mark.parametrize(
+    "how",
+    ["down", "kill -9", pytest.param("freeze", marks=pytest.mark.thorough)],
+)
+def test_a_run_that_ended_otherwise_is_closed_in_silence(how: str):
+    run = quadctl.launch(params=FAST)
+    processes = [read(Realm(run.realm)).pid, *(p.pid for p in read(Realm(run.realm)).nodes)]
+    watch = run.vehicle.watch("pose")
+    next(watch)
+    ended_by(run, how)
+    if how != "freeze":
+        assert repr(run).endswith(", ended>")
+        with pytest.raises(quadctl.Unreachable):
+            list(watch)
+    with pytest.raises(ZeroDivisionError), run:
+        1 / 0  # noqa: B018 - an error of the program's own
+    eventually(lambda: not any(map(alive, processes)))
+    assert not Realm(run.realm).folder.exists()
+    assert repr(run).endswith(", ended>")
+
+
+def test_no_recording_is_overwritten(tmp_path: Path):
+    file = tmp_path / "flight.mcap"
+    file.write_bytes(b"mine")
+    with pytest.raises(quadctl.Invalid, match="already exists"):
+        quadctl.launch(params=FAST, record=file)
+    assert file.read_bytes() == b"mine"
+
+
 def test_each_object_shows_what_it_is(run: quadctl.Run):
     quad = run.vehicle
     assert repr(run) == f"<run {run.realm} of uav, running>"
+    assert (repr(POSE), repr(GOTO)) == ("<topic pose: Pose>", "<service goto: Goto>")
     assert repr(quad) == f"<vehicle: <connection to uav on the realm {run.realm}>>"
     with quadctl.connect(run.realm) as other:
         assert repr(other).startswith("<connection: ")

@@ -23,7 +23,7 @@ ENDLESS = {
     "node logs --follow": 130,
     "node ping safety -n 1000000": 130,
     "record flight.mcap": 0,
-    "plot --live -o flight.png": 0,
+    "plot --live -d 600 -o flight.png": 0,
     "console --port PORT": 130,
     "bridge foxglove --port PORT": 0,
     "bridge mavlink --to udpout:127.0.0.1:PORT": 0,
@@ -32,7 +32,7 @@ ENDLESS = {
     "campaign --flights 1000000": 130,
 }
 """Commands that run until Ctrl-C, and their exit codes."""
-SILENT = {"campaign", "hub", "plot"}
+SILENT = {"campaign", "hub"}
 """Those of them that print nothing before."""
 
 

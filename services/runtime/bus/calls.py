@@ -33,7 +33,7 @@ class ServiceClient(Generic[Q, R]):
         """Send one request and return its reply; wait and raise as RawServiceClient does."""
         try:
             payload = codec.encode(request)
-        except (OverflowError, TypeError) as error:
+        except (OverflowError, TypeError, UnicodeEncodeError, RecursionError) as error:
             hint = "give plain numbers, texts, lists and tables"
             raise Invalid(f"the request cannot be sent: {error}", hint) from error
         answer = self._client.call(payload, self._encoding, timeout, boot, again=again)

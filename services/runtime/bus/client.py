@@ -1,7 +1,9 @@
 """Command side of the bus: Client, its hub connection and pace, latched get, raw publisher."""
 
 import time
-from typing import TYPE_CHECKING, Self, TypeVar
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self, TypeVar
 
 import zenoh
 from msgspec import Struct
@@ -10,11 +12,16 @@ from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import Service, Topic, topic_of
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import RawServiceClient, ServiceClient
-from quadctl.services.runtime.bus.session import close, connect_to_hub
+from quadctl.services.runtime.bus.session import (
+    abandon_in_fork,
+    close,
+    connect_to_hub,
+    forked,
+)
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
-from quadctl.services.runtime.realm import Realm
+from quadctl.services.runtime.realm import Realm, vehicle_name
 from quadctl.services.runtime.run_files import ProcessRecord
-from quadctl.services.runtime.typed import require
+from quadctl.services.runtime.typed import argument, positive_time, require
 
 if TYPE_CHECKING:
     from quadctl.schemas.roles import Right
@@ -32,7 +39,8 @@ class HubConnection:
 
     def __init__(self, session: zenoh.Session, realm: Realm | None) -> None:
         self._session, self._realm = session, realm
-        self.is_closed = False
+        self.is_closed = self.is_forked = False
+        abandon_in_fork(self)
         self._since, self._first = time.monotonic(), self._hubs()
         self._breaks: zenoh_events.DisconnectListener | None = None
 
@@ -130,6 +138,7 @@ class RawPublisher:
 
     def put(self, payload: bytes) -> None:
         """Publish one message; raise Unreachable after the client's `close`."""
+        argument("a payload", payload, bytes, "bytes")
         self._client.session  # noqa: B018 - raises
         self._publisher.put(payload)
 
@@ -153,6 +162,24 @@ _lost: list["Client"] = []
 declarations, blocks for a second."""
 
 
+P = ParamSpec("P")
+
+
+def _guarded(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Any, P], T]:
+    """Let a method raise our errors in place of Zenoh's: closed meanwhile, or a key that is none."""
+
+    @wraps(method)
+    def guarded(self: Any, /, *args: P.args, **options: P.kwargs) -> T:
+        try:
+            return method(self, *args, **options)
+        except zenoh.ZError as error:
+            self.session  # noqa: B018 - raises if it was closed meanwhile
+            problem = str(error).partition(" at ")[0]
+            raise Invalid(problem, "a key is words between slashes, e.g. uav/pose") from error
+
+    return guarded
+
+
 class Client:
     """Connection to a realm's hub, for as long as a `with` block lasts.
 
@@ -160,9 +187,11 @@ class Client:
     """
 
     def __init__(self, realm: str, vehicle: str, *, connect: str = "", timeout: float = 3) -> None:
-        self.vehicle, self.timeout = vehicle, timeout
+        argument("realm", realm, str, "a name")
+        argument("vehicle", vehicle, str, "a name")
+        self.vehicle, self.timeout = vehicle_name(vehicle), positive_time("timeout", timeout)
         self.realm, self._connect = Realm(realm), connect
-        self._session = connect_to_hub(self.realm, connect, timeout)
+        self._session = connect_to_hub(self.realm, connect, self.timeout)
         self._hub = HubConnection(self._session, None if connect else self.realm)
         self._held: list[object] = []
         self._own: set[str] = set()
@@ -184,6 +213,8 @@ class Client:
     @property
     def session(self) -> zenoh.Session:
         """Return the session; raise Unreachable after `close`."""
+        if self._hub.is_forked:
+            raise forked()
         if self._hub.is_closed:
             raise Unreachable(
                 f"the connection to {self._place} is closed",
@@ -200,6 +231,11 @@ class Client:
             close(self._session)
         else:
             _lost.append(self)
+
+    @property
+    def is_connected(self) -> bool:
+        """Return whether the hub is there now."""
+        return not self._hub.is_closed and self._hub.is_there
 
     @property
     def is_local(self) -> bool:
@@ -221,6 +257,7 @@ class Client:
 
             permissions.check(self._connect, right, *keys)
 
+    @_guarded
     def call(
         self, service: Service[Q, R], request: Q, timeout: float | None = None, boot: str = ""
     ) -> R:
@@ -237,8 +274,10 @@ class Client:
         except Unreachable as problem:
             raise self.explained(problem, service.node, key) from problem
 
+    @_guarded
     def wait_for_server(self, service: Service[Q, R]) -> None:
         """Wait until the service has a server; raise as `call` if none comes."""
+        require(service, Service, "GOTO")
         key = service.key(self.vehicle)
         self.permit("call", key)
         try:
@@ -246,6 +285,7 @@ class Client:
         except Unreachable as problem:
             raise self.explained(problem, service.node, key) from problem
 
+    @_guarded
     def call_raw(self, key: str, payload: bytes, encoding: str) -> tuple[bytes, str]:
         """Call the server of a key; return the reply and its encoding, raise as `call`."""
         self.permit("call", key)
@@ -254,6 +294,7 @@ class Client:
         except Unreachable as problem:
             raise self.explained(problem) from problem
 
+    @_guarded
     def latest(self, topic: Topic[M]) -> M:
         """Return the last message of a latched topic; raise Invalid for another."""
         require(topic, Topic, "STATE")
@@ -268,6 +309,7 @@ class Client:
         except Unreachable as problem:
             raise self.explained(problem, topic.node) from problem
 
+    @_guarded
     def first(self, topic: Topic[M]) -> M:
         """Return the next message of a topic."""
         readings = self.subscribe(topic)
@@ -290,6 +332,7 @@ class Client:
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return TypedSubscriber(self.listen(*types, backlog=backlog, held=held), types)
 
+    @_guarded
     def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "RawSubscriber":
         """Subscribe to keys or key expressions; up to `backlog` messages wait for their reader.
 
@@ -297,6 +340,8 @@ class Client:
         """
         from quadctl.services.runtime.bus.streams import RawSubscriber
 
+        for key in keys:
+            argument("a key", key, str, "a text")
         self.permit("listen", *keys)
         stream = RawSubscriber(self.session, keys, backlog)
         for key in keys if held else ():
@@ -340,23 +385,29 @@ class Client:
         came = f"no readable message came within {self.timeout:g} s"
         return Invalid(f"{came}: {unread.message}", unread.hint)
 
+    @_guarded
     def raw_publisher(self, key: str, encoding: str = "") -> RawPublisher:
         """Return a publisher of bytes on a key."""
+        argument("a key", key, str, "a text")
+        self.session  # noqa: B018 - raises if it is closed
         self.permit("publish", key)
         self._hub.watch()
         publisher = RawPublisher(self, key, encoding)
         self._held.append(publisher)
         return publisher
 
+    @_guarded
     def stage(self, keys: dict[str, str]) -> "ReplayPublisher":
         """Return a publisher that replays keys, each with its encoding; raise AlreadyServed."""
         from quadctl.services.runtime.bus import raw
 
+        self.session  # noqa: B018 - raises if it is closed
         self.permit("publish", *keys)
         self._hub.watch()
         self._own.add(raw.NAME)
         return raw.ReplayPublisher(self.session, keys)
 
+    @_guarded
     def flush(self, timeout: float | None = None) -> None:
         """Wait until the hub has read everything sent; raise as `nodes`, or if some may be lost."""
         found = liveliness.nodes(self.session, self.vehicle, self._within(timeout))
@@ -364,6 +415,7 @@ class Client:
         self._hub.answered([node for node in found if node not in self._own])
         self._hub.check_unbroken()
 
+    @_guarded
     def nodes(self, timeout: float | None = None, *, of: str = "") -> list[str]:
         """Return the ready nodes of this vehicle, or of another one.
 
@@ -373,10 +425,12 @@ class Client:
             liveliness.nodes(self.session, of or self.vehicle, self._within(timeout))
         )
 
+    @_guarded
     def vehicles(self) -> list[str]:
         """Return the vehicles that have a ready node; raise as `nodes`."""
         return self._hub.answered(liveliness.vehicles(self.session, self.timeout))
 
+    @_guarded
     def endpoints(
         self, *kinds: keyexpr.Kind, of: str = "", timeout: float | None = None
     ) -> list[keyexpr.EndpointInfo]:
@@ -391,7 +445,7 @@ class Client:
         )
 
     def _within(self, timeout: float | None) -> float:
-        return self.timeout if timeout is None else timeout
+        return self.timeout if timeout is None else positive_time("timeout", timeout)
 
 
 class Pace:

@@ -4,10 +4,12 @@ Nothing listens on a network port by default, and multicast is off. The settings
 """
 
 import contextlib
+import gc
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
+from weakref import WeakSet
 
 import msgspec
 import zenoh
@@ -155,6 +157,66 @@ def open_client(
         ) from error
 
 
+def is_forked() -> bool:
+    """Return whether this process was forked from one with a session: it has none of Zenoh's threads."""
+    return bool(_opened_by - {os.getpid()})
+
+
+def refuse_fork() -> None:
+    """Raise Unreachable in such a process."""
+    if is_forked():
+        raise forked()
+
+
+def forked() -> Unreachable:
+    """Return the error for the use of Zenoh there."""
+    return Unreachable(
+        "this process was forked from one with a connection, and cannot use it or make one",
+        'start it afresh, e.g. with multiprocessing.get_context("spawn")',
+    )
+
+
+_live: WeakSet[Any] = WeakSet()
+
+
+def abandon_in_fork(connection: Any) -> None:
+    """Mark a connection `is_closed` and `is_forked` in each process that is forked from this one."""
+    _live.add(connection)
+
+
+_keep: "Callable[[object], object]" = id
+"""Function that keeps an object for ever; ready before a fork, as the child may not wait for an import."""
+
+
+def _before_fork() -> None:
+    if _live:
+        from ctypes import py_object, pythonapi
+
+        global _keep  # noqa: PLW0603 - the hooks of a fork take no arguments
+        _keep = pythonapi.Py_IncRef
+        _keep.argtypes = [py_object]
+
+
+def _in_fork() -> None:
+    """Give all connections up in a forked process, and keep Zenoh's objects.
+
+    To collect one would wait, for ever, for a thread that only the parent has.
+    """
+    if not _live:
+        return
+    for connection in _live:
+        connection.is_closed = connection.is_forked = True
+    kinds = {kind for kind in vars(zenoh).values() if isinstance(kind, type)}
+    for holder in gc.get_objects():
+        for held in gc.get_referents(holder):
+            if type(held) in kinds:
+                _keep(held)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_child=_in_fork)
+
+
 def retry(period_ms: int) -> dict[str, int]:
     """Return the settings of a session that retries to connect every `period_ms`."""
     return {"period_init_ms": period_ms, "period_max_ms": period_ms, "period_increase_factor": 1}
@@ -198,8 +260,14 @@ def close(session: zenoh.Session) -> None:
             return
 
 
+_opened_by: set[int] = set()
+"""Process that has opened a session."""
+
+
 def open_with(config: dict[str, Any], threads: str) -> zenoh.Session:
-    """Open a session with these Zenoh threads; raise zenoh.ZError."""
+    """Open a session with these Zenoh threads; raise zenoh.ZError, Unreachable in a forked process."""
+    refuse_fork()
+    _opened_by.add(os.getpid())
     # Zenoh reads both when the process opens its first session. They must not stay in the
     # environment: child processes have their own.
     wanted = {"ZENOH_RUNTIME": threads, "RUST_MIN_STACK": str(_STACK)}
@@ -221,6 +289,7 @@ def connect_to_hub(realm: Realm, connect: str, timeout: float) -> zenoh.Session:
     `connect` is an endpoint in place of the realm's own, or empty. Raises Unreachable when no hub
     is there, TimedOut when it does not answer in time (s), UsageError for an invalid endpoint.
     """
+    refuse_fork()
     if connect:
         check(connect)
     if is_secure(connect):

@@ -9,6 +9,7 @@ import zenoh
 from msgspec import Struct
 
 from quadctl.services.runtime.bus import codec, zenoh_events
+from quadctl.services.runtime.bus.session import is_forked
 from quadctl.services.runtime.errors import Invalid
 
 M = TypeVar("M", bound=Struct)
@@ -68,7 +69,7 @@ class RawSubscriber:
 
     def close(self) -> None:
         """End the subscriptions; messages that came before can still be read."""
-        while self._subscribers:
+        while self._subscribers and not is_forked():
             self._subscribers.pop().undeclare()
 
     def _on_reply(self, reply: zenoh.Reply) -> None:

@@ -40,6 +40,7 @@ from quadctl.services.runtime.realm import DEFAULT, Realm
 from quadctl.services.runtime.run_files import ProcessRecord
 from quadctl.services.runtime.supervisor import control
 from quadctl.services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.supervisor.logs import ABOUT
 
 _PATIENCE = LEASE_PATIENT_MS / 1000
 """Seconds that a reply may take, and a pose: on a busy machine a node waits long for a processor."""
@@ -396,8 +397,9 @@ class _StudentNode:
         return [f"{self._name}: {line}" for line in self._lines()[-most:]]
 
     def _lines(self) -> list[str]:
-        """Return what the node has logged since the row began."""
-        return self._written(self._begin).decode(errors="replace").splitlines()
+        """Return what the node has logged since the row began, without the supervisor's lines."""
+        lines = self._written(self._begin).decode(errors="replace").splitlines()
+        return [line for line in lines if not line.startswith(ABOUT)]
 
     def _written(self, begin: int) -> bytes:
         try:

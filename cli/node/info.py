@@ -106,6 +106,7 @@ def _document(
         "pid": process.pid,
         "restarts": process.restarts,
         "started": process.started,
+        "began": process.began,
         "supervised": seen.run is not None and process in seen.run.nodes,
         "uptime": stats.uptime,
         "pss": pss,

@@ -75,7 +75,7 @@ def test_without_a_home_the_completion_is_refused_in_one_line(homeless: Lab):
 @pytest.mark.parametrize("homeless", ["a file"], indirect=True)
 def test_without_a_home_all_else_works(homeless: Lab):
     homeless.start()
-    for line in ("goto 1 0 1", "plot --live -d 1 -o flight.png", "campaign --flights 2", "down"):
+    for line in ("goto 1 0 1", "plot --live -d 1 -o flight.png", "down"):
         done = homeless.quadctl(*line.split())
         assert (done.code, "Traceback" in done.err) == (0, False), done
 

@@ -1,6 +1,7 @@
 """Report of a campaign: one page that needs no network, and shows the worst flights."""
 
 import json
+import os
 import re
 import sqlite3
 from collections import Counter
@@ -164,11 +165,10 @@ def test_a_full_disk_leaves_the_old_report(tmp_path: Path, monkeypatch: pytest.M
     file = tmp_path / "page.html"
     file.write_text("old")
 
-    def fill(path: Path, data: bytes) -> None:
-        path.touch()
+    def full(_descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", fill)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(Invalid, match="No space left"):
         written(file, 1)
     assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("page.html", "old")]

@@ -79,7 +79,7 @@ def test_a_flight_can_be_replayed_with_its_log(module_lab: Lab, report: dict[str
 
 @pytest.mark.thorough
 def test_a_killed_campaign_continues_from_its_database(lab: Lab):
-    words = ("campaign", "--flights", 1200, "--seconds", 20, "--json")
+    words = ("campaign", "--flights", 600, "--seconds", 20, "--json")
     compiled_kernel()
     database = lab.folder / "flights.sqlite"
 
@@ -88,13 +88,13 @@ def test_a_killed_campaign_continues_from_its_database(lab: Lab):
     flying.send(signal.SIGKILL)
     flying.wait()
     eventually(lambda: not lab.processes())
-    assert 0 < kept(database) < 1200
+    assert 0 < kept(database) < 600
     again = lab.quadctl(*words, "--db", database.name, "--report", "page.html")
     page = (lab.folder / "page.html").read_text()
     assert again.json["hash"] in page
     assert f"--replay {again.json['worst']['seed']}<" in page
-    assert f" of 1200 flights are in {database.name}" in again.err
-    assert kept(database) == 1200
+    assert f" of 600 flights are in {database.name}" in again.err
+    assert kept(database) == 600
     assert again.json == lab.quadctl(*words).json
 
 

@@ -43,7 +43,7 @@ def main() -> None:
     except SystemExit as leaving:
         code = leaving.code if isinstance(leaving.code, int) else 0
     except QuadctlError as problem:
-        if _is_homeless(problem.__cause__):
+        if _is_folder_gone(problem.__cause__):
             problem.hint = _CD
         output.error(problem, as_json=as_json)
         code = problem.exit_code
@@ -60,7 +60,7 @@ def main() -> None:
 
 def _explained(problem: Exception) -> QuadctlError:
     """Return the error for what the machine refused, or for a bug, with its traceback on stderr."""
-    if _is_homeless(problem):
+    if _is_folder_gone(problem):
         return QuadctlError("the current folder was deleted", _CD)
     if isinstance(problem, OSError) and problem.errno in _REMEDIES:
         place = f"{problem.filename}: " if problem.filename else ""
@@ -72,7 +72,7 @@ def _explained(problem: Exception) -> QuadctlError:
     return QuadctlError(text, "please report this, with the lines above")
 
 
-def _is_homeless(problem: BaseException | None) -> bool:
+def _is_folder_gone(problem: BaseException | None) -> bool:
     """Return whether a file is missing because the current folder was deleted."""
     if not isinstance(problem, FileNotFoundError):
         return False

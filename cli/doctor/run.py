@@ -179,13 +179,13 @@ def ending(log: Sequence[str]) -> str:
     ends = [number for number, line in enumerate(log) if line.startswith(ABOUT)]
     if not ends:
         return ""
-    told = ends[-1:]
+    causes = ends[-1:]
     # Of a process that it kills, the supervisor logs the cause first, then the end.
     if len(ends) > 1 and ends[-2] == ends[-1] - 1 and _ENDED not in log[ends[-2]]:
-        told = ends[-2:]
-    before = [number for number in ends if number < told[0]]
-    life = log[before[-1] + 1 if before else 0 : told[0]]
+        causes = ends[-2:]
+    before = [number for number in ends if number < causes[0]]
+    life = log[before[-1] + 1 if before else 0 : causes[0]]
     traces = [number for number, line in enumerate(life) if line.startswith("Traceback (")]
     after = life[traces[-1] + 1 :] if traces else ()
     raised = next((line for line in after if line and not line[0].isspace()), "")
-    return "; ".join(filter(None, (raised, *(log[n].removeprefix(ABOUT) for n in told))))
+    return "; ".join(filter(None, (raised, *(log[n].removeprefix(ABOUT) for n in causes))))

@@ -175,7 +175,10 @@ def _guarded(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[A
         except zenoh.ZError as error:
             self.session  # noqa: B018 - raises if it was closed meanwhile
             problem = str(error).partition(" at ")[0]
-            raise Invalid(problem, "a key is words between slashes, e.g. uav/pose") from error
+            if "Key Expr" in problem:
+                hint = "a key is words between slashes, e.g. uav/pose"
+                raise Invalid(problem, hint) from error
+            raise QuadctlError(problem, "`quadctl doctor` looks at the connection") from error
 
     return guarded
 

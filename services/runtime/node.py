@@ -24,7 +24,7 @@ from quadctl.services.runtime.bus.raw import RawListener, RawMessage, RecorderSu
 from quadctl.services.runtime.errors import AlreadyServed, Refused
 from quadctl.services.runtime.executor import Executor
 from quadctl.services.runtime.server import MOST, CallLog, Schedule, Server
-from quadctl.services.runtime.typed import require
+from quadctl.services.runtime.typed import positive_rate, require, require_function
 
 M = TypeVar("M", bound=Struct)
 Q = TypeVar("Q", bound=Struct)
@@ -115,7 +115,7 @@ class Node:
         answer to the first would else interrupt the others. Raises NotAllowed if a guarded node may
         not publish the topic.
         """
-        require(topic, Topic, "STATE")
+        require(topic, Topic, "STATE of quadctl.schemas.topics")
         key = topic.key(self.vehicle)
         self._check("publish", key)
         self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
@@ -142,7 +142,9 @@ class Node:
         not wake the loop is handled at its next call or tick. In a node that follows simulated
         time, it advances to each pose before the pose's handler runs.
         """
-        require(topic, Topic, "POSE_SLOW")
+        require(topic, Topic, "POSE_SLOW of quadctl.schemas.topics")
+        if handler is not None:
+            require_function(handler)
         advances = handler is not None and self._follows and topic in _POSES
         if handler is not None and advances:
             handler, depth = self._advancing(handler), _ALL
@@ -168,6 +170,7 @@ class Node:
 
     def unlisten(self, subscription: Subscription[Any]) -> None:
         """End a subscription; messages that wait for its handler are dropped."""
+        require(subscription, Subscription, "the result of `listen`")
         self._subscribers.pop(subscription).undeclare()
         self.executor.remove_poller(subscription.poll)
         self._followed.discard(subscription)
@@ -194,7 +197,7 @@ class Node:
         Raises NotAllowed if the role of our certificate does not permit the call, or a guarded node
         may not make it.
         """
-        require(service, Service, "GOTO")
+        require(service, Service, "GOTO of quadctl.schemas.topics")
         if self._connect:
             from quadctl.services.runtime.security import permissions
 
@@ -204,7 +207,7 @@ class Node:
 
     def latest(self, topic: Topic[M], timeout: float) -> M:
         """Return the last message of a latched topic; it blocks and raises as `latest` does."""
-        require(topic, Topic, "STATE")
+        require(topic, Topic, "STATE of quadctl.schemas.topics")
         return latest(self._session, topic, topic.key(self.vehicle), timeout)
 
     def serve(
@@ -215,7 +218,8 @@ class Node:
         With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises
         AlreadyServed when another node serves it, NotAllowed if a guarded node may not.
         """
-        require(service, Service, "TOGGLE_CAGE")
+        require(service, Service, "TOGGLE_CAGE of quadctl.schemas.topics")
+        require_function(handler)
         self._check("serve", service.key(self.vehicle))
         journal = None
         if not service.reads:
@@ -283,6 +287,8 @@ class Node:
         Services run in between. The time is monotonic, in a node that follows simulated time
         simulated; a pose may advance it by several ticks. A callable rate may change.
         """
+        if not callable(hz):
+            positive_rate(hz)
         if self._follows:
             return self._simulated_ticks(hz if callable(hz) else lambda: hz)
         self.ready()

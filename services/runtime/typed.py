@@ -31,14 +31,28 @@ def from_json(data: bytes, type_: type[T]) -> T:
 
 
 def require(given: Any, kind: type, example: str) -> None:
-    """Raise Invalid if a program names a topic or service by a text, as in other systems."""
+    """Raise Invalid unless a program gives an object of a kind, and e.g. no topic's name for a topic."""
     if not isinstance(given, kind):
         import reprlib
 
-        raise Invalid(
-            f"{reprlib.repr(given)} is no {kind.__name__}",
-            f"give one, e.g. {example} of quadctl.schemas.topics",
-        )
+        raise Invalid(f"{reprlib.repr(given)} is no {kind.__name__}", f"give one, e.g. {example}")
+
+
+def require_function(given: Any) -> None:
+    """Raise Invalid unless a program gives a function, e.g. as a handler."""
+    if not callable(given):
+        import reprlib
+
+        raise Invalid(f"{reprlib.repr(given)} is no function", "give a function of one argument")
+
+
+def positive_rate(value: Any) -> None:
+    """Raise Invalid unless an argument is a rate, Hz: a finite number above 0."""
+    from numbers import Real
+
+    argument("hz", value, Real, _RATE)
+    if not 0 < value < float("inf"):
+        raise _wrong("hz", value, _RATE)
 
 
 def argument(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> None:
@@ -93,6 +107,7 @@ def _as_plain(value: Any) -> Any:
 
 _PLAIN = {bool, int, float, str, type(None)}
 _TIME = "a time, s, above 0"
+_RATE = "a rate, Hz, above 0"
 _LONGEST = 1e6
 """Seconds, some days: Zenoh's and Python's clocks take no time without an end."""
 

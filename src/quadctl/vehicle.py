@@ -433,7 +433,7 @@ class Watch(Generic[M]):
     """
 
     def __init__(self, client: Client, topic: Topic[M], seconds: float) -> None:
-        require(topic, Topic, "POSE")
+        require(topic, Topic, "POSE of quadctl.schemas.topics")
         self._client, self._topic = client, topic
         self._ends = time.monotonic() + positive_time("seconds", seconds)
         self._messages: TypedSubscriber[M] = client.subscribe(topic)

@@ -268,7 +268,7 @@ class Client:
 
         `timeout` (s): for one of several calls under one deadline. `boot`: the one a reset begins.
         """
-        require(service, Service, "GOTO")
+        require(service, Service, "GOTO of quadctl.schemas.topics")
         key = service.key(self.vehicle)
         self.permit("call", key)
         try:
@@ -280,7 +280,7 @@ class Client:
     @_guarded
     def wait_for_server(self, service: Service[Q, R]) -> None:
         """Wait until the service has a server; raise as `call` if none comes."""
-        require(service, Service, "GOTO")
+        require(service, Service, "GOTO of quadctl.schemas.topics")
         key = service.key(self.vehicle)
         self.permit("call", key)
         try:
@@ -300,7 +300,7 @@ class Client:
     @_guarded
     def latest(self, topic: Topic[M]) -> M:
         """Return the last message of a latched topic; raise Invalid for another."""
-        require(topic, Topic, "STATE")
+        require(topic, Topic, "STATE of quadctl.schemas.topics")
         if not topic.latched:
             raise Invalid(f"{topic.name} is not latched", "`first` returns its next message")
         key = topic.key(self.vehicle)
@@ -331,7 +331,7 @@ class Client:
         from quadctl.services.runtime.bus.streams import TypedSubscriber
 
         for topic in topics:
-            require(topic, Topic, "POSE")
+            require(topic, Topic, "POSE of quadctl.schemas.topics")
         types = {topic.key(self.vehicle): topic.type for topic in topics}
         return TypedSubscriber(self.listen(*types, backlog=backlog, held=held), types)
 

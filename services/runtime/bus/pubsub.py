@@ -13,6 +13,7 @@ from msgspec import Struct
 from quadctl.schemas.topics import Topic
 from quadctl.services.runtime.bus import codec, zenoh_events
 from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.typed import require
 
 M = TypeVar("M", bound=Struct)
 
@@ -56,8 +57,14 @@ class Publisher(Generic[M]):
         return self._matches.was_there
 
     def put(self, message: M) -> None:
-        """Publish a message; numbers must be Python's own, not numpy's."""
-        self._last = payload = codec.encode(message)
+        """Publish a message; numbers must be Python's own, not numpy's, else it raises Invalid."""
+        if not isinstance(message, self._type):
+            require(message, self._type, f"{self._type.__name__}(...)")
+        try:
+            self._last = payload = codec.encode(message)
+        except (TypeError, OverflowError, UnicodeEncodeError, RecursionError) as error:
+            hint = "give plain numbers, texts, lists and tables: float(x) of a NumPy number"
+            raise Invalid(f"a message on {self._key} cannot be sent: {error}", hint) from error
         if self._defer is None:
             self._publisher.put(payload)
         else:

@@ -14,6 +14,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.security.bridge_access import check_listener
+from quadctl.services.runtime.security.endpoints import url_host
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 """Layout with the scene, plots, the state and buttons of the vehicle `uav`."""
@@ -52,8 +53,7 @@ def foxglove(
     if 0 < len(token) < _SHORTEST:
         raise UsageError(f"{VARIABLE} is too short", f"at least {_SHORTEST} characters")
     os.environ[VARIABLE] = token
-    name = f"[{host}]" if ":" in host else host
-    address = f"{'wss' if cert else 'ws'}://{name}:{port}/"
+    address = f"{'wss' if cert else 'ws'}://{url_host(host)}:{port}/"
     words = ["--port", str(port), "--host", host]
     words += ["--cert", str(cert)] if cert else []
     words += ["--key", str(key)] if key else []

@@ -16,6 +16,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.services.runtime import realm
 from quadctl.services.runtime.errors import AlreadyServed, QuadctlError, Unreachable, UsageError
+from quadctl.services.runtime.security.endpoints import url_host
 from quadctl.services.runtime.vehicles import vehicles_of
 
 _MOST = 65_535
@@ -52,11 +53,8 @@ def urls(listening: socket.socket, token: str) -> tuple[str, str]:
     """Return the page's address with control, and the one that only watches."""
     host, port = listening.getsockname()[:2]
     address = ip_address(host)
-    if address.is_unspecified:
-        # Browsers cannot open 0.0.0.0: use the name of this machine.
-        name = socket.gethostname().lower()
-    else:
-        name = f"[{host}]" if address.version == 6 else host
+    # Browsers cannot open 0.0.0.0: use the name of this machine.
+    name = socket.gethostname().lower() if address.is_unspecified else url_host(host)
     watch = f"http://{name}:{port}/"
     return f"{watch}?token={token}", watch
 

@@ -55,6 +55,7 @@ from quadctl.services.runtime.recording.scene import (
     SceneUpdate,
 )
 from quadctl.services.runtime.security.bridge_access import check_listener
+from quadctl.services.runtime.security.endpoints import url_host
 
 NAME = "foxglove"
 VARIABLE = "QUADCTL_FOXGLOVE_TOKEN"
@@ -118,7 +119,8 @@ class FoxgloveBridge:
             ) from error
         may = "may act, with the token" if token else "may only watch"
         scheme = "wss" if tls else "ws"
-        node.log.info("serving %s://%s:%d; clients %s", scheme, given.host, given.port, may)
+        host = url_host(given.host)
+        node.log.info("serving %s://%s:%d; clients %s", scheme, host, given.port, may)
         channel = self.server.channel
         self.frames = channel(FRAMES_KEY, TRANSFORM, _schema(FrameTransform), tuple)
         self.scene = channel(SCENE_KEY, SCENE, _schema(SceneUpdate), self._whole_scene)

@@ -8,6 +8,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -31,22 +32,32 @@ class MavlinkLink:
     """
 
     def __init__(self, peer: PeerAddress, key: bytes | None, log: Log) -> None:
-        """Open the socket; raise OSError for an unknown host, or a port that is taken."""
+        """Open the socket; raise OSError for an unknown host, or a port that is taken.
+
+        Without a route to the peer it is tried again with each message.
+        """
         self._log = log
         family, kind, proto, _, address = socket.getaddrinfo(
             peer.host, peer.port, type=socket.SOCK_DGRAM
         )[0]
         self._socket = socket.socket(family, kind, proto)
         self._seen, self._is_awaited = 0.0, peer.is_awaited
-        self._peer = None if peer.is_awaited else address
+        self._peer: Any = None if peer.is_awaited else address
+        self._is_joined = peer.is_awaited
         if peer.is_awaited:
             self._socket.bind(address)
-        else:
-            # The system then drops what another program or machine sends.
-            self._socket.connect(address)
+        elif not self._join():
+            log.warning("there is no route to %s yet: it is tried again", peer.host)
         self._key, self._lock = key, threading.Lock()
         self._codecs: dict[tuple[int, int], Any] = {}
         self._parser = self._codec(0, 0)
+
+    def _join(self) -> bool:
+        """Let the system drop what another program or machine sends; return whether there is a route."""
+        with suppress(OSError):
+            self._socket.connect(self._peer)
+            self._is_joined = True
+        return self._is_joined
 
     def _codec(self, system: int, component: int) -> Any:
         codec = _Codec(None, system, component)
@@ -65,7 +76,7 @@ class MavlinkLink:
 
         def send(message: Any) -> None:
             with self._lock:
-                if self._peer is None:
+                if self._peer is None or not (self._is_joined or self._join()):
                     return
                 if self._key is not None:
                     # A ground station refuses time that is a minute behind its own.

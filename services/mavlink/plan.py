@@ -28,6 +28,12 @@ NOWHERE = 2**31 - 1
 """Latitude or longitude of an item that has none."""
 _FARTHEST_NORTH, _FARTHEST_EAST = 900_000_000, 1_800_000_000
 MOST_ITEMS = 1000
+_MOST_DEGREES = 180.0
+
+
+def degrees_e7(degrees: float) -> int:
+    """Return degrees as 1e-7 degrees; NOWHERE for NaN, and for what is no place on the earth."""
+    return round(degrees * 1e7) if abs(degrees) <= _MOST_DEGREES else NOWHERE
 
 
 class PlanItem(Struct, frozen=True):
@@ -190,10 +196,16 @@ def zones_of(items: Sequence[PlanItem], origin: Origin) -> list[ZoneParams]:
         if first.command in _POLYGONS:
             zones.append(_zone(name, kind, polygon=tuple(places)))
         else:
-            zones.append(_zone(name, kind, circle=CircleParams(*places[0], size)))
+            zones.append(_zone(name, kind, circle=_circle(name, places[0], size)))
     if len(zones) > MOST_ZONES:
         raise Invalid(f"{len(zones)} zones: at most {MOST_ZONES} are allowed")
     return zones
+
+
+def _circle(name: str, place: tuple[float, float], radius: float) -> CircleParams:
+    if not 0 < radius < inf:
+        raise Invalid(f"{name}: a circle of radius {radius:g} m", "give it a radius above 0")
+    return CircleParams(*place, radius)
 
 
 def _zone(name: str, kind: str, **shape: object) -> ZoneParams:

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from msgspec import Struct
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.mavlink.plan import MOST_ITEMS, PlanItem
+from quadctl.services.mavlink.plan import MOST_ITEMS, PlanItem, degrees_e7
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 
 AGAIN, ATTEMPTS = 0.5, 8
@@ -60,7 +60,7 @@ class Transfers:
     """Transfers of one vehicle: one upload at a time, and any number of downloads."""
 
     MESSAGES = (
-        "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_REQUEST_LIST", "MISSION_REQUEST",
+        "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_ITEM", "MISSION_REQUEST_LIST", "MISSION_REQUEST",
         "MISSION_REQUEST_INT", "MISSION_CLEAR_ALL", "MISSION_ACK",
     )  # fmt: skip
     """Types of the messages that `take` takes."""
@@ -91,7 +91,7 @@ class Transfers:
         match type_:
             case "MISSION_COUNT":
                 return self._on_count(peer, kind, message.count, now)
-            case "MISSION_ITEM_INT":
+            case "MISSION_ITEM_INT" | "MISSION_ITEM":
                 return self._on_item(peer, kind, message, now)
             case "MISSION_CLEAR_ALL":
                 return self._save(peer, kind, [])
@@ -157,7 +157,7 @@ class Transfers:
             return Transfer()
         params = (m.param1, m.param2, m.param3, m.param4)
         goes_on = bool(m.autocontinue)
-        upload.items.append(PlanItem(m.frame, m.command, params, m.x, m.y, m.z, goes_on))
+        upload.items.append(PlanItem(m.frame, m.command, params, *_places(m), m.z, goes_on))
         upload.asked, upload.attempts = now, 1
         if len(upload.items) < upload.count:
             return Transfer([upload.wanted()])
@@ -176,6 +176,13 @@ class Transfers:
             except QuadctlError as problem:
                 return _refused(peer, kind, problem)
         return Transfer([_ack(peer, mavlink.MAV_MISSION_ACCEPTED, kind)])
+
+
+def _places(item: Any) -> tuple[int, int]:
+    """Return latitude and longitude, 1e-7 degrees; older stations answer with degrees."""
+    if item.get_type() == "MISSION_ITEM_INT":
+        return item.x, item.y
+    return degrees_e7(item.x), degrees_e7(item.y)
 
 
 def _ack(peer: Peer, result: int, kind: int) -> Any:

@@ -31,6 +31,11 @@ def how_to_open(endpoint: str) -> str:
     return f"on that machine: `{opens}`; is the address right?"
 
 
+def url_host(host: str) -> str:
+    """Return a host as it stands in a URL: an IPv6 address in brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
 def is_secure(endpoint: str) -> bool:
     """Return whether both ends show a certificate and the traffic is encrypted."""
     return endpoint.partition("/")[0] in SECURE

@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.services.mavlink.link import MavlinkLink
-from quadctl.services.runtime.security.bridge_access import autopilot_address_of
+from quadctl.services.runtime.security.bridge_access import address_of, autopilot_address_of
 from tests.support.autopilot import free_udp_port
 from tests.support.running import eventually
 
@@ -55,6 +56,36 @@ def hears(by: socket.socket, say: Callable[[], None]) -> bool:
     except TimeoutError:
         return False
     return True
+
+
+class Unrouted(socket.socket):
+    """Socket whose first two connections find no route."""
+
+    left = 2
+
+    def connect(self, address: Any) -> None:
+        if Unrouted.left:
+            Unrouted.left -= 1
+            raise OSError(101, "Network is unreachable")
+        super().connect(address)
+
+
+def test_a_peer_without_a_route_is_tried_again_with_each_message(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    with sender() as station:
+        host, port = station.getsockname()
+        monkeypatch.setattr(socket, "socket", Unrouted)
+        link = MavlinkLink(address_of(f"udpout:{host}:{port}"), None, logging.getLogger("link"))
+        monkeypatch.undo()
+        assert "there is no route to 127.0.0.1 yet" in caplog.text
+        send = link.sender(1)
+
+        def beat() -> None:
+            send(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3))
+
+        assert [hears(station, beat) for _ in range(3)] == [False, True, True]
+        link._socket.close()
 
 
 def test_the_first_valid_packet_names_the_peer_and_no_other_is_heard():

@@ -1,5 +1,6 @@
 """Transfers of missions and fences, with messages that are lost, repeated and mixed up."""
 
+import math
 import random
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.mavlink.plan import MOST_ITEMS, PlanItem
+from quadctl.services.mavlink.plan import MOST_ITEMS, NOWHERE, PlanItem
 from quadctl.services.mavlink.transfers import AGAIN, ATTEMPTS, PlanKind, Transfers
 from quadctl.services.runtime.errors import Refused
 
@@ -74,6 +75,24 @@ def test_an_upload_arrives_whole_through_loss_and_repetition(
                 for _ in range(chance.randrange(1, 3)):
                     replies += transfers.take(of(item(asked.seq, kind)), now).messages
     assert [each.x for each in shelf.plans.get(PlanKind(kind), [])] in ([*range(items)], [])
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "place"),
+    [
+        (47.5, -8.25, (475_000_000, -82_500_000)),
+        (math.nan, math.nan, (NOWHERE, NOWHERE)),
+        (1e9, 0.0, (NOWHERE, 0)),
+    ],
+)
+def test_an_older_station_answers_with_degrees(x: float, y: float, place: tuple[int, int]):
+    shelf = Shelf()
+    transfers = Transfers(shelf)
+    transfers.take(of(count(1)), 0)
+    old = mavlink.MAVLink_mission_item_message(1, 1, 0, 3, 16, 0, 1, 0, 0, 0, 0, x, y, 1, 0)
+    assert result_of(transfers.take(of(old), 0)) == mavlink.MAV_MISSION_ACCEPTED
+    (found,) = shelf.plans[PlanKind.MISSION]
+    assert (found.x, found.y, found.frame, found.command) == (*place, 3, 16)
 
 
 def test_an_upload_that_nobody_continues_is_given_up():

@@ -113,6 +113,7 @@ class Commander:
         self._pilot = Pilot(services.goto, services.hold, self._on_reached, self._on_end)
         self._prepared: tuple[int, Callable[[], None]] | None = None
         self._target: Target | None = None
+        self._ignored = ""
         self._follows: Target | None = None
         """Target that is flown to, in the mode OFFBOARD only."""
         self.armed = False
@@ -221,7 +222,11 @@ class Commander:
 
     def aim(self, place: Position | None) -> None:
         """Keep a place (m) to fly to, None to stop; in the mode OFFBOARD `follow` flies there."""
-        self._target = Target(place, time.monotonic())
+        self._target, self._ignored = Target(place, time.monotonic()), ""
+
+    def ignore(self, kind: str) -> None:
+        """Keep the kind of targets that a program sends in vain, e.g. `of velocity`."""
+        self._ignored = kind
 
     @property
     def is_due_to_follow(self) -> bool:
@@ -238,7 +243,7 @@ class Commander:
             return
         if not target.is_fresh:
             self._hold()
-            raise Refused(f"offboard has ended: no setpoint for {_TARGET_AGE:g} s")
+            raise Refused(f"offboard has ended: {self._lack}")
         with self._turn:
             # A new boot, or another mode, may have ended it meanwhile.
             if self._follows is not before:
@@ -253,11 +258,18 @@ class Commander:
         if not reply.accepted:
             raise Refused(reply.reason)
 
+    @property
+    def _lack(self) -> str:
+        """Return why there is no fresh target."""
+        if self._ignored:
+            return f"setpoints {self._ignored} are not flown: send whole places"
+        return f"no setpoint for {_TARGET_AGE:g} s: a program has to send them all the time"
+
     def _begin_offboard(self) -> None:
         if not self.armed:
             raise Refused("not armed: arm first")
         if self._target is None or not self._target.is_fresh:
-            raise Refused("no setpoints: a program has to send some before the mode is changed")
+            raise Refused(f"offboard has not begun: {self._lack}")
         self._hold()
         self._follows = Target(None, self._target.at)
 

@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from math import isfinite, isnan
+from math import isfinite, isnan, nan
 from queue import Full, Queue
 from typing import Any, Literal
 
@@ -26,7 +26,7 @@ from quadctl.services.mavlink.commander import (
     VehicleServices,
     number,
 )
-from quadctl.services.mavlink.plan import NOWHERE, PlanItem
+from quadctl.services.mavlink.plan import NOWHERE, PlanItem, point_of
 from quadctl.services.mavlink.telemetry import NO_PLACE, NO_VELOCITY, View, no_file, texts
 from quadctl.services.mavlink.transfers import Peer, Transfer, Transfers
 from quadctl.services.runtime.errors import Invalid, NotAllowed, QuadctlError, Refused
@@ -70,6 +70,7 @@ class MavlinkSystem:
 
     def __init__(self, services: VehicleServices, origin: Origin, send: Send, log: Log) -> None:
         self._services, self._send, self._log = services, send, log
+        self._origin = origin
         self._commander = Commander(services, origin, send, self._show_once)
         self._transfers = Transfers(self._commander)
         self._boot, self._seen = "", 0.0
@@ -182,12 +183,32 @@ class MavlinkSystem:
 
     def _take_target(self, m: Any, _peer: Peer) -> None:
         if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
-            return
-        if not m.type_mask & NO_PLACE:
-            if all(map(isfinite, (m.x, m.y, m.z))):
-                self._commander.aim(Position(m.y, m.x, -m.z))
+            self._commander.ignore(f"in {_frame(m.coordinate_frame)}")
+        elif not m.type_mask & NO_PLACE:
+            self._aim(m.y, m.x, -m.z)
         elif not (m.type_mask & NO_VELOCITY or m.vx or m.vy or m.vz):
             self._commander.aim(None)
+        else:
+            self._commander.ignore(_without_place(m))
+
+    def _take_global_target(self, m: Any, _peer: Peer) -> None:
+        if m.type_mask & NO_PLACE:
+            self._commander.ignore(_without_place(m))
+            return
+        item = PlanItem(m.coordinate_frame, 0, (0.0,) * 4, m.lat_int, m.lon_int, m.alt)
+        try:
+            place = point_of(item, self._origin)
+        except Invalid:
+            self._commander.ignore(f"in {_frame(m.coordinate_frame)} or beyond the earth")
+            return
+        self._aim(place.x, place.y, place.z)
+
+    def _aim(self, *place: float | None) -> None:
+        x, y, z = (nan if part is None else part for part in place)
+        if all(map(isfinite, (x, y, z))):
+            self._commander.aim(Position(x, y, z))
+        else:
+            self._commander.ignore("without a number for each coordinate")
 
     def _command(self, peer: Peer, item: PlanItem) -> None:
         """Execute a command; one that is repeated meanwhile is executed once."""
@@ -295,6 +316,7 @@ class MavlinkSystem:
         "COMMAND_INT": _take_command_int,
         "SET_MODE": _take_set_mode,
         "SET_POSITION_TARGET_LOCAL_NED": _take_target,
+        "SET_POSITION_TARGET_GLOBAL_INT": _take_global_target,
         "MISSION_SET_CURRENT": _take_set_current,
         "PARAM_REQUEST_LIST": _take_list,
         "PARAM_REQUEST_READ": _take_read,
@@ -333,6 +355,18 @@ class Requests:
                 self._fail(problem)
             finally:
                 self._pending.discard(key)
+
+
+def _frame(number: int) -> str:
+    """Return the name of a frame in MAVLink, e.g. `MAV_FRAME_BODY_NED`."""
+    known = mavlink.enums["MAV_FRAME"].get(number)
+    return known.name if known else f"frame {number}"
+
+
+def _without_place(target: Any) -> str:
+    """Return the kind of a target without a whole place."""
+    some = target.type_mask & NO_PLACE != NO_PLACE
+    return "of some coordinates only" if some else "of velocity or acceleration"
 
 
 def _degrees(value: float) -> int:

@@ -352,6 +352,64 @@ def test_a_takeoff_has_the_height_of_its_frame(rig: Rig):
     assert rig.orders[-1] == (0.0, 0.0, 3.0)
 
 
+SET_OFFBOARD = (mavlink.MAV_CMD_DO_SET_MODE, 1, 6, 0)
+VELOCITY, HEIGHT = 0xDC7, 0xDFB
+"""Masks of setpoints that hold a velocity, or a height, and nothing else."""
+
+
+def on_earth(frame: int, height: float = 2.0, north: float = 0.0, mask: int = 0xDF8) -> Any:
+    """Return a setpoint on the earth, some degrees north of the origin."""
+    x, y = round((Origin().latitude + north) * 1e7), round(Origin().longitude * 1e7)
+    return mavlink.MAVLink_set_position_target_global_int_message(
+        0, 1, 1, frame, mask, x, y, height, 1, 0, 0, 0, 0, 0, 0, 0
+    )
+
+
+def local(frame: int = 1, x: float = 1.0, mask: int = 0xDF8) -> Any:
+    """Return a setpoint in a local frame, 2 m to the east and 3 m high in that of the world."""
+    return mavlink.MAVLink_set_position_target_local_ned_message(
+        0, 1, 1, frame, mask, x, 2, -3, 1, 0, 0, 0, 0, 0, 0, 0
+    )
+
+
+def test_offboard_flies_to_places_in_the_world_and_on_the_earth(rig: Rig):
+    assert rig.command(ARM, 1) == ACCEPTED
+    rig.give(local())
+    assert rig.command(*SET_OFFBOARD) == ACCEPTED
+    for target, goal in (
+        (local(), (2.0, 1.0, 3.0)),
+        (on_earth(0, 490.0, 1e-5), (0.0, 1.1, 2.0)),
+        (on_earth(6, 3.0, 1e-5), (0.0, 1.1, 3.0)),
+    ):
+        rig.give(target)
+        rig.system.tick(time.monotonic())
+        eventually(lambda: rig.orders[-1] != "hold")
+        assert rig.orders.pop() == pytest.approx(goal, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("target", "kind"),
+    [
+        pytest.param(local(mask=VELOCITY), "of velocity or acceleration", id="velocity"),
+        pytest.param(local(mask=HEIGHT), "of some coordinates only", id="height"),
+        pytest.param(local(frame=8), "in MAV_FRAME_BODY_NED", id="body"),
+        pytest.param(local(frame=99), "in frame 99", id="unknown-frame"),
+        pytest.param(local(x=NAN), "without a number for each coordinate", id="no-number"),
+        pytest.param(on_earth(6, mask=VELOCITY), "of velocity or", id="velocity-on-earth"),
+        pytest.param(on_earth(6, mask=HEIGHT), "of some coordinates", id="height-on-earth"),
+        pytest.param(on_earth(11), "in MAV_FRAME_GLOBAL_TERRAIN_ALT_INT", id="terrain"),
+        pytest.param(on_earth(6, north=100.0), "or beyond the earth", id="beyond-the-earth"),
+    ],
+)
+def test_setpoints_that_are_not_flown_are_refused_by_their_kind(rig: Rig, target: Any, kind: str):
+    assert rig.command(ARM, 1) == ACCEPTED
+    rig.give(target)
+    assert rig.command(*SET_OFFBOARD) == DENIED
+    assert kind in "".join(rig.texts)
+    rig.give(local())
+    assert rig.command(*SET_OFFBOARD) == ACCEPTED
+
+
 def test_a_long_text_ends_with_a_chunk_that_is_not_full():
     from quadctl.services.mavlink.telemetry import texts
 

@@ -21,6 +21,9 @@ _MOST_BYTES = 65_536
 _SINCE = 1_420_070_400
 """1 January 2015 as Unix time (s), from which signatures count time, in units of 10 us."""
 _TICK = 0.02
+_CLOCKS_DIFFER = 60.0
+"""Seconds that a signer's clock may differ from ours; MAVLink bounds the past only, but one clock that is
+ahead would lock out all the others."""
 _FORGOTTEN = 2.0
 """Seconds of silence after which an awaited peer may come from another address."""
 
@@ -60,7 +63,7 @@ class MavlinkLink:
         return self._is_joined
 
     def _codec(self, system: int, component: int) -> Any:
-        codec = _Codec(None, system, component)
+        codec = _Codec(system, component, self._log)
         if self._key is not None:
             codec.signing.secret_key = self._key
             codec.signing.timestamp = _now()
@@ -157,6 +160,10 @@ class MavlinkLink:
 class _Codec(mavlink.MAVLink):  # type: ignore[misc]
     """Codec of one system, without two faults of pymavlink 2.4.50."""
 
+    def __init__(self, system: int, component: int, log: Log) -> None:
+        super().__init__(None, system, component)
+        self._log, self._complained = log, set[int]()
+
     def parse_datagram(self, data: bytes) -> list[Any]:
         """Return the messages of a datagram; a bad one is BAD_DATA."""
         self.robust_parsing = True
@@ -166,14 +173,23 @@ class _Codec(mavlink.MAVLink):  # type: ignore[misc]
         return self.parse_buffer(data) or []
 
     def check_signature(self, packet: bytearray, system: int, component: int) -> bool:
-        """Return whether a packet has our signature and is no repetition."""
+        """Return whether a packet has our signature, of about now, and is no repetition."""
         # The base class stores the time of a packet with a wrong signature, too: a forged one
         # from the future would lock the sender out.
         key = self.signing.secret_key
         expected = hashlib.sha256(key + bytes(packet[:-6])).digest()[:6]
         if not hmac.compare_digest(expected, packet[-6:]):
             return False
-        return bool(super().check_signature(packet, system, component))
+        ahead = (int.from_bytes(packet[-12:-6], "little") - _now()) / 1e5
+        if ahead <= _CLOCKS_DIFFER and super().check_signature(packet, system, component):
+            return True
+        if abs(ahead) > _CLOCKS_DIFFER and system not in self._complained:
+            self._complained.add(system)
+            self._log.warning(
+                "system %d signs with a clock that is %.0f s %s ours: its packets are dropped; set the clocks",
+                system, abs(ahead), "ahead of" if ahead > 0 else "behind",
+            )  # fmt: skip
+        return False
 
 
 def _fail(fault: BaseException) -> None:

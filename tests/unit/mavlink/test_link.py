@@ -4,6 +4,7 @@ import logging
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -36,11 +37,12 @@ def sender() -> socket.socket:
     return made
 
 
-def heartbeat(key: bytes | None = None) -> bytes:
-    codec = mavlink.MAVLink(None, 1, 1)
+def heartbeat(key: bytes | None = None, system: int = 1, ahead: float = 0.0) -> bytes:
+    """Return a packet of a system; with a key, signed by a clock that is some seconds ahead."""
+    codec = mavlink.MAVLink(None, system, 1)
     if key is not None:
         codec.signing.secret_key, codec.signing.sign_outgoing = key, True
-        codec.signing.timestamp = 1 << 46
+        codec.signing.timestamp = round((time.time() + ahead - 1_420_070_400) * 1e5)
     return bytes(mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(codec))
 
 
@@ -115,3 +117,18 @@ def test_with_a_key_only_a_signed_packet_names_the_peer():
         theirs.sendto(heartbeat(KEY), ("127.0.0.1", port))
         eventually(lambda: len(taken) == 1)
         assert hears(theirs, lambda: send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)))
+
+
+def test_a_signer_whose_clock_is_wrong_is_named_once_and_locks_nobody_out(
+    caplog: pytest.LogCaptureFixture,
+):
+    with linked(KEY) as (_, port, taken), sender() as station:
+        for ahead in (3600, 3601, -3600, 1e7, 61):
+            station.sendto(heartbeat(KEY, 7 if ahead > 0 else 8, ahead), ("127.0.0.1", port))
+        for system, ahead in ((1, 30.0), (2, -30.0), (3, 0.0)):
+            station.sendto(heartbeat(KEY, system, ahead), ("127.0.0.1", port))
+        eventually(lambda: len(taken) == 3)
+        assert [message.get_srcSystem() for message in taken] == [1, 2, 3]
+    ahead, behind = [line for line in caplog.messages if "set the clocks" in line]
+    assert "system 7 signs with a clock that is 3600 s ahead of ours" in ahead
+    assert "system 8 signs with a clock that is 3600 s behind ours" in behind

@@ -54,7 +54,8 @@ class Link:
         """Return the connection for a call; raise Unreachable while there is none."""
         if self._client is None:
             raise Unreachable(
-                f"not connected: {self._board.problem}", "the console reconnects by itself"
+                f"not connected: {self._board.problem or 'connecting'}",
+                "the console reconnects by itself",
             )
         return self._client
 

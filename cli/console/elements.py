@@ -20,9 +20,9 @@ def card(title: str, name: str = "") -> Iterator[ui.element]:
         yield made
 
 
-def read(name: str, tag: str = "span", classes: str = "") -> ui.html:
+def read(name: str, tag: str = "span", classes: str = "", text: str = "") -> ui.html:
     """Return a text that each frame updates by this name; see `model.readouts`."""
-    return ui.html("", sanitize=False, tag=tag).props(f"data-read={name}").classes(classes)
+    return ui.html(text, sanitize=False, tag=tag).props(f"data-read={name}").classes(classes)
 
 
 # Loads three.js into the page, for the scene below.

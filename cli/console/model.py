@@ -102,7 +102,7 @@ class Board:
 
     def __init__(self, vehicle: str) -> None:
         self.vehicle = vehicle
-        self.problem = "connecting"
+        self.problem = ""
         self.pose: Pose | None = None
         self.state: SafetyState | None = None
         self.reading: Pressure | None = None
@@ -315,10 +315,12 @@ def frame(board: Board, seen: Sent, target: Position | None) -> tuple[dict[str, 
 
 
 def link(board: Board) -> str:
-    """Return the state of the connection: `live`, `silent` (no poses) or `lost`."""
+    """Return the state of the connection: `connecting`, `live`, `silent` (no poses) or `lost`."""
     if board.problem:
         return "lost"
-    return "silent" if board.silence > _SILENT or board.pose is None else "live"
+    if board.silence > _SILENT:
+        return "silent"
+    return "live" if board.pose is not None else "connecting"
 
 
 def readouts(board: Board, target: Position | None) -> dict[str, str]:
@@ -346,7 +348,7 @@ def readouts(board: Board, target: Position | None) -> dict[str, str]:
     return {name: escaped(text) for name, text in texts.items()}
 
 
-_LINKS = {"live": "live", "silent": "no pose", "lost": "not connected"}
+_LINKS = {"connecting": "connecting", "live": "live", "silent": "no pose", "lost": "not connected"}
 
 
 def _wall(wall: NearestWall) -> str:

@@ -39,7 +39,7 @@ def top(page: PageContext) -> None:
             ui.html(page.link.vehicle, sanitize=False, tag="span").classes("vehicle")
         if not page.control:
             ui.html("watching only", sanitize=False, tag="span").classes("badge")
-        read("link", classes="link").props("role=status")
+        read("link", classes="link", text="connecting").props("role=status")
     with ui.element("div").classes("banner").props("role=alert"):
         read("problem")
 
@@ -80,6 +80,12 @@ class Page:
                 journal, processes = VerdictsPanel(), ProcessesPanel(self)
             faults, parameters = FaultsPanel(self), ParametersPanel(self)
         self._panels = (flight, safety, journal, processes, faults, parameters)
+        self._refresh()
+
+    def _refresh(self) -> None:
+        now = self.link.see(lambda board: board.glance())
+        for panel in self._panels:
+            panel.refresh(now)
 
     async def do(self, act: Act) -> bool:
         """Run an action on a thread and show its result; every action goes through here."""
@@ -117,7 +123,5 @@ class Page:
                 return
             if got == frame["seen"]:
                 seen = after
-            now = self.link.see(lambda board: board.glance())
-            for panel in self._panels:
-                panel.refresh(now)
+            self._refresh()
             await asyncio.sleep(max(0.0, began + TICK - time.monotonic()))

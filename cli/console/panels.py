@@ -30,11 +30,13 @@ class FaultsPanel:
             for fault in FAULTS:
                 made = ui.button(fault.name, on_click=partial(self._toggle, fault), color=None)
                 made.props(f'no-caps flat dense data-fault={fault.name} title="{fault.about}"')
-                made.props("aria-pressed=false").set_enabled(page.control)
+                made.props("aria-pressed=false")
                 self._buttons[fault.name] = made
 
     def refresh(self, now: Glance) -> None:
-        """Light the active faults."""
+        """Light the active faults, once they are known."""
+        for button in self._buttons.values():
+            button.set_enabled(self._page.control and bool(now.values))
         injected = frozenset(active(now.values))
         for name in injected ^ self._shown:
             button = self._buttons[name].props(f"aria-pressed={str(name in injected).lower()}")
@@ -100,7 +102,8 @@ class ProcessesPanel:
             ui.html(node.name, sanitize=True, tag="b")
             ui.html(node.state, sanitize=False, tag="span").classes("how")
             ui.html(f"pid {node.pid or '-'}", sanitize=False, tag="span").classes("pid")
-            times = f"{node.restarts} restarts" if node.restarts else ""
+            plural = "s" if node.restarts > 1 else ""
+            times = f"{node.restarts} restart{plural}" if node.restarts else ""
             ui.html(times, sanitize=False, tag="span").classes("times")
             again = ui.button("Restart", on_click=lambda: page.do(restart), color=None)
             again.props("no-caps flat dense").set_enabled(page.control)
@@ -138,8 +141,8 @@ class SafetyPanel:
                     ui.html(name, sanitize=False, tag="dt")
                     read(name, tag="dd")
             with ui.element("div").classes("buttons"):
-                self._cage = ui.switch("cage").on_value_change(self._toggle)
-                self._cage.set_enabled(page.control)
+                self._cage = ui.switch("cage", value=None).on_value_change(self._toggle)
+                self._buttons: list[ui.switch | ui.button] = [self._cage]
                 for text, act in (
                     ("Hold", acts.hold),
                     ("Calibrate", lambda: acts.calibrate(zero=True)),
@@ -147,10 +150,12 @@ class SafetyPanel:
                 ):
                     made = ui.button(text, on_click=lambda act=act: page.do(act), color=None)
                     made.props("no-caps unelevated").classes(f"act {text.lower()}")
-                    made.set_enabled(page.control)
+                    self._buttons.append(made)
 
     def refresh(self, now: Glance) -> None:
-        """Set the switch to the state of the cage."""
+        """Set the switch to the state of the cage, and enable the buttons, once it is known."""
+        for button in self._buttons:
+            button.set_enabled(self._page.control and now.state is not None)
         if now.state is not None and not self._busy:
             self._cage.value = now.state.cage_on
 

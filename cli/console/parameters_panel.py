@@ -41,6 +41,7 @@ class ParametersPanel:
             value = now.values.get(name)
             if name in now.values and name not in self._busy and self._last.get(name, ...) != value:
                 self._last[name] = value
+                field.set_enabled(self._page.control and not setting.fixed)
                 field.value = value if setting.way != "text" else shown(value)
 
     def _show(self, name: str) -> None:
@@ -60,7 +61,7 @@ class ParametersPanel:
             ui.html(setting.label, sanitize=True, tag="label")
             field = self._field(setting)
             field.props(f'aria-label="{setting.name}"').classes("field")
-            field.set_enabled(self._page.control and not setting.fixed)
+            field.set_enabled(False)  # until its value is known
             ui.html(setting.facts, sanitize=True, tag="span").classes("facts")
             ui.html(setting.about, sanitize=True, tag="span").classes("about")
         self._fields[setting.name] = setting, field
@@ -68,7 +69,7 @@ class ParametersPanel:
     def _field(self, setting: Setting) -> Field:
         commit = partial(self._commit, setting)
         if setting.way == "switch":
-            return ui.switch().on_value_change(commit)
+            return ui.switch(value=None).on_value_change(commit)
         if setting.way == "choice":
             chosen = ui.select(list(setting.choices), value=None)
             return chosen.props("dense outlined options-dense").on_value_change(commit)

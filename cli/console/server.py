@@ -7,9 +7,9 @@ import secrets
 import socket
 import threading
 import traceback
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Awaitable, Callable, Mapping, MutableMapping
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import uvicorn
 from fastapi import FastAPI, Request
@@ -40,19 +40,29 @@ _HEADERS = (
 
 _MOST_PAGES = 50
 """Pages, of nearly a megabyte each. NiceGUI keeps one that no browser connects to for a minute."""
+_MOST_WATCHING = 40
+"""Pages without the token, so that those who only watch cannot take the last place of the owner's."""
 
 
-def refusal_reason(host: str, origin: str, *, beyond: bool) -> str:
+def refusal_reason(headers: Mapping[bytes, str], *, beyond: bool) -> str:
     """Return the reason to refuse a request with these headers, empty to serve it.
 
-    DNS rebinding shows as a foreign host name, another site's page as a foreign origin. `beyond`:
-    other machines may send requests.
+    DNS rebinding shows as a foreign host name, another site's page as a foreign origin, or as the
+    site that embeds ours, e.g. as an image. `beyond`: other machines may send requests.
     """
-    name = urlsplit(f"//{host}").hostname or ""
+    host, origin = headers.get(b"host", ""), headers.get(b"origin", "")
+    try:
+        name, site = urlsplit(f"//{host}").hostname or "", urlsplit(origin).netloc
+    except ValueError:
+        return "the Host or the Origin is malformed: open the console as 127.0.0.1"
     if not _is_ours(name, beyond=beyond):
         return f"{host or 'no host'} is not the console's name: open it as 127.0.0.1"
-    if origin and urlsplit(origin).netloc != host:
+    if origin and site != host:
         return f"pages of {origin} may not use the console"
+    # A link in a mail or in a page may open the console: a browser then asks for a document.
+    foreign = headers.get(b"sec-fetch-site", "") in {"cross-site", "same-site"}
+    if foreign and headers.get(b"sec-fetch-dest", "") != "document":
+        return "pages of other sites may not embed the console"
     return ""
 
 
@@ -76,8 +86,8 @@ class Guard:
     It adds the security headers.
     """
 
-    def __init__(self, app: App, *, beyond: bool) -> None:
-        self._app, self._beyond = app, beyond
+    def __init__(self, app: App, token: str, *, beyond: bool) -> None:
+        self._app, self._token, self._beyond = app, token, beyond
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or websocket; see ASGI."""
@@ -85,11 +95,9 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        host, origin = headers.get(b"host", ""), headers.get(b"origin", "")
-        reason = refusal_reason(host, origin, beyond=self._beyond)
-        status = 403
-        if not reason and scope["path"] == "/" and len(Client.instances) >= _MOST_PAGES:
-            status, reason = 503, f"{_MOST_PAGES} pages are open already: close some, wait a minute"
+        status, reason = 403, refusal_reason(headers, beyond=self._beyond)
+        if not reason and scope["path"] == "/" and (most := self._most_for(scope)):
+            status, reason = 503, f"{most} pages are open already: close some, wait a minute"
         if not reason:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
@@ -98,6 +106,13 @@ class Guard:
             head = [(b"content-type", b"text/plain; charset=utf-8")]
             await send({"type": "http.response.start", "status": status, "headers": head})
             await send({"type": "http.response.body", "body": f"{reason}\n".encode()})
+
+    def _most_for(self, scope: Scope) -> int:
+        """Return the most pages, if so many are open that this one is refused, else 0."""
+        query = parse_qs(scope["query_string"].decode("latin-1"))
+        given = query.get("token", [""])[0]
+        most = _MOST_PAGES if may_control(self._token, given) else _MOST_WATCHING
+        return most if len(Client.instances) >= most else 0
 
 
 def _with_headers(send: Send) -> Send:
@@ -195,7 +210,7 @@ def serve(
         gzip_middleware_factory=None,  # on one machine packing takes longer than sending
     )
     config = uvicorn.Config(
-        Guard(outer, beyond=beyond), log_level="error", access_log=False, server_header=False
+        Guard(outer, token, beyond=beyond), log_level="error", access_log=False, server_header=False
     )
     failed: list[BaseException] = []
     ended = threading.Event()

@@ -228,6 +228,8 @@ def test_a_killed_process_is_shown_and_can_be_restarted(page: Tab, running_lab: 
     running_lab.revived("pressure", old)
     now = running_lab.nodes()["pressure"]["pid"]
     page.reads(row, "ready", str(now))
+    right = "document.querySelector('%s').getBoundingClientRect().right"
+    assert page.js(f"{right % f'{row} button'} <= {right % '.processes'}")
     page.press(f"{row} button")
     running_lab.revived("pressure", now)
     page.reads(row, "ready", str(running_lab.nodes()["pressure"]["pid"]))
@@ -310,3 +312,17 @@ def test_the_page_reports_a_lost_run_and_reconnects_by_itself(page: Tab, running
     page.until(LIVE)
     page.floor(1, 0)
     page.reads(".journal", "at (1, 0, 1)")
+
+
+def test_what_is_not_known_is_shown_as_not_known(chromium: Browser):
+    with private_lab() as lab:
+        lab.start("--without", "safety", "--set", "dynamics.start.z=1")
+        with served(lab) as console:
+            tab = chromium.tab(console.control)
+            tab.until(LIVE)
+            tab.until("document.querySelector('[data-fault=motor-weak]').ariaDisabled !== 'true'")
+            switch = "document.querySelector('.safety .q-toggle')"
+            assert tab.js(f"[{switch}.ariaChecked, {switch}.ariaDisabled]") == ["mixed", "true"]
+            assert tab.js("document.querySelector('.act.hold').ariaDisabled") == "true"
+            assert tab.errors == []
+            tab.close()

@@ -130,9 +130,9 @@ class Tab:
             )  # fmt: skip
 
     def press(self, selector: str) -> None:
-        """Click in the middle of an element, as soon as it exists."""
+        """Click in the middle of an element, as soon as it exists and is enabled."""
         find = f"""(() => {{ const e = document.querySelector({json.dumps(selector)});
-            if (!e) return null; e.scrollIntoView({{block: "center"}});
+            if (!e || e.ariaDisabled === "true") return null; e.scrollIntoView({{block: "center"}});
             const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"""
         self.click(*self.until(find))
 

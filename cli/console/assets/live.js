@@ -4,7 +4,7 @@ export default {
   template: `<div hidden class="live"></div>`,
   mounted() {
     this.verified = null;
-    document.body.dataset.link = "lost";
+    document.body.dataset.link = "connecting";
     this.waiting = setInterval(() => this.connection(), 500);
   },
   beforeUnmount() {

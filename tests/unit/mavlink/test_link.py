@@ -129,6 +129,6 @@ def test_a_signer_whose_clock_is_wrong_is_named_once_and_locks_nobody_out(
             station.sendto(heartbeat(KEY, system, ahead), ("127.0.0.1", port))
         eventually(lambda: len(taken) == 3)
         assert [message.get_srcSystem() for message in taken] == [1, 2, 3]
-    ahead, behind = [line for line in caplog.messages if "set the clocks" in line]
-    assert "system 7 signs with a clock that is 3600 s ahead of ours" in ahead
-    assert "system 8 signs with a clock that is 3600 s behind ours" in behind
+    fast, slow = [line for line in caplog.messages if "set the clocks" in line]
+    assert "system 7 signs with a clock that is 3600 s ahead of ours" in fast
+    assert "system 8 signs with a clock that is 3600 s behind ours" in slow

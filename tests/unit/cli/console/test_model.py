@@ -62,7 +62,6 @@ def test_a_negative_zero_has_no_minus():
 
 def flying(ticks: int = 0) -> Board:
     board = Board("uav")
-    board.problem = ""
     board.update_state(state())
     for number in range(ticks):
         board.tick(pose(x=number, stamp=float(number)), reading(1000 + number))
@@ -113,8 +112,11 @@ def test_one_minute_of_samples_is_kept():
     assert len(flying(700).samples) * TICK == pytest.approx(60)
 
 
-def test_the_link_is_live_silent_or_lost():
-    board = flying(1)
+def test_the_link_is_connecting_live_silent_or_lost():
+    board = flying()
+    assert link(board) == "connecting"
+    assert not texts(board)["problem"]
+    board.tick(pose(), None)
     assert link(board) == "live"
     for _ in range(15):
         board.tick(None, None)
@@ -127,7 +129,7 @@ def test_the_link_is_live_silent_or_lost():
 
 def test_a_page_can_be_opened_before_the_first_message():
     content, _ = frame(Board("uav"), NOTHING_SEEN, None)
-    assert (content["link"], content["pose"], content["cage"]) == ("lost", None, None)
+    assert (content["link"], content["pose"], content["cage"]) == ("connecting", None, None)
 
 
 def test_texts_show_units():

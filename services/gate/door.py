@@ -26,9 +26,13 @@ from quadctl.services.runtime.security.authority import Authority
 from quadctl.services.runtime.security.identity import CERTIFICATE, FLEET, KEY, Identity, Name
 
 _HANDSHAKE = 3.0
-"""Seconds for the first byte, and again for the handshake; over a bad network it takes 0.5 s."""
+"""Seconds for the ClientHello, and again for the handshake; over a bad network it takes 0.5 s."""
 _MOST_WAITING = 1000
-"""Connections without a certificate yet; the oldest makes room for the next."""
+"""Connections without a whole ClientHello yet; the oldest makes room for the next."""
+_MOST_GREETED = 200
+"""Handshakes at a time, each of which takes a quarter of a megabyte; the oldest makes room, too."""
+_HANDSHAKE_TYPE, _HEADER, _LARGEST = 22, 5, 2**14
+"""First byte of a TLS record with a ClientHello, bytes of its header, and most after it (RFC 8446, 5.1)."""
 _MOST_FILES = 65_536
 _MOST_LINKS = 64
 """Connections of one name."""
@@ -48,6 +52,8 @@ _ROOM = 65_536
 """Bytes that may wait for a side that does not read, beyond the kernel's buffers."""
 _REPORTS = 60.0
 """Least seconds between two log lines about strangers."""
+
+_Strangers = OrderedDict[socket.socket, asyncio.Task[None]]
 
 _log = logging.getLogger("gate")
 
@@ -72,7 +78,9 @@ class Door:
         # Zenoh's end of the loopback links: the fleet's certificate may expire or be replaced.
         router = Name("router", "hub", [EVERY], "door", time.time() + _FOR_EVER)
         self._authority.issue(router, ["127.0.0.1"], folder / "router")
-        self._waiting: OrderedDict[socket.socket, asyncio.Task[None]] = OrderedDict()
+        self._waiting: _Strangers = OrderedDict()
+        self._greeted: _Strangers = OrderedDict()
+        self._coming = Counter[str]()
         self._turn = asyncio.Lock()
         self._links: set[_Link] = set()
         self._declared = Budget()
@@ -137,27 +145,25 @@ class Door:
             try:
                 stranger, _ = await self._loop.sock_accept(listener)
             except OSError:  # too many open files
-                self._drop_oldest()
+                _drop_oldest(self._waiting or self._greeted)
                 await asyncio.sleep(0.01)
                 continue
             if len(self._waiting) >= _MOST_WAITING:
-                self._drop_oldest()
+                _drop_oldest(self._waiting)
             self._waiting[stranger] = self._loop.create_task(self._meet(stranger))
-
-    def _drop_oldest(self) -> None:
-        if self._waiting:
-            _, task = self._waiting.popitem(last=False)
-            task.cancel()
 
     async def _meet(self, stranger: socket.socket) -> None:
         """Make the handshake, and pass on who is listed."""
         outer = _Side()
         try:
             async with asyncio.timeout(_HANDSHAKE):
-                await self._first_byte(stranger)
+                await self._hello(stranger)
             # One in each round of the loop: hundreds at once must not hold up those inside.
             async with self._turn:
                 await asyncio.sleep(0)
+            if len(self._greeted) >= _MOST_GREETED:
+                _drop_oldest(self._greeted)
+            self._greeted[stranger] = self._waiting.pop(stranger)
             await self._loop.connect_accepted_socket(
                 lambda: outer,
                 stranger,
@@ -174,16 +180,35 @@ class Door:
             raise
         finally:
             self._waiting.pop(stranger, None)
+            self._greeted.pop(stranger, None)
         await self._let_in(outer)
 
-    async def _first_byte(self, stranger: socket.socket) -> None:
-        """Wait for data: before it, a connection costs nothing but its socket."""
+    async def _hello(self, stranger: socket.socket) -> None:
+        """Wait for a whole ClientHello: before it, a connection costs nothing but its socket.
+
+        Raises OSError for what is none.
+        """
+        head = await self._peek(stranger, _HEADER)
+        length = int.from_bytes(head[3:], "big")
+        if head[0] != _HANDSHAKE_TYPE or length > _LARGEST:
+            raise ConnectionError("sends no TLS")
+        await self._peek(stranger, _HEADER + length)
+        stranger.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, 1)
+
+    async def _peek(self, stranger: socket.socket, count: int) -> bytes:
+        """Wait for so many bytes, and return them; they stay to be read."""
         came = asyncio.Event()
+        # Fewer do not wake the loop.
+        stranger.setsockopt(socket.SOL_SOCKET, socket.SO_RCVLOWAT, count)
         self._loop.add_reader(stranger, came.set)
         try:
             await came.wait()
         finally:
             self._loop.remove_reader(stranger)
+        found = stranger.recv(count, socket.MSG_PEEK)
+        if len(found) < count:
+            raise ConnectionError("left before its handshake")
+        return found
 
     async def _let_in(self, outer: "_Side") -> None:
         certificate = outer.transport.get_extra_info("peercert")
@@ -195,12 +220,15 @@ class Door:
             outer.transport.close()
             return
         name = self._names[common]
+        self._coming[common] += 1
         try:
             async with asyncio.timeout(_REOPENING):
                 inner, port = await self._to_router(self._context(name))
         except TimeoutError:
             outer.transport.close()
             return
+        finally:
+            self._coming[common] -= 1
         link = _Link(name, outer, inner, port, self._declared, self._links)
         expires = ssl.cert_time_to_seconds(certificate["notAfter"]) - time.time()
         link.until = self._loop.call_later(expires, link.end)
@@ -225,7 +253,8 @@ class Door:
             return "is not on the list of names"
         if self._declared.is_barred(common):
             return "was sent away a moment ago"
-        links = sum(link.name.common_name == common for link in self._links)
+        links = self._coming[common]
+        links += sum(link.name.common_name == common for link in self._links)
         return f"has {links} links" if links >= _MOST_LINKS else ""
 
     def _context(self, name: Name) -> ssl.SSLContext:
@@ -246,6 +275,12 @@ class Door:
         if (now := time.monotonic()) >= self._reported + _REPORTS:
             _log.warning("%d connections were sent away, the last: %s", self._failed, problem)
             self._failed, self._reported = 0, now
+
+
+def _drop_oldest(strangers: _Strangers) -> None:
+    if strangers:
+        _, task = strangers.popitem(last=False)
+        task.cancel()
 
 
 class _Side(asyncio.Protocol):

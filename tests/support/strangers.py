@@ -26,16 +26,16 @@ def client_hello() -> bytes:
 class Strangers(AbstractContextManager["Strangers"]):
     """A number of half-open connections to a loopback port, with new ones each second.
 
-    They come from 250 addresses; a third of them send a whole ClientHello. One that the listener
+    They come from 250 addresses; a third of them send a `hello`, else a whole ClientHello. One that the listener
     closes is replaced at once.
     """
 
-    def __init__(self, port: int, count: int, new: float) -> None:
+    def __init__(self, port: int, count: int, new: float, hello: bytes = b"") -> None:
         """Hold `count` connections, and open `new` more each second in place of the oldest."""
         self._port, self._count, self._new = port, count, new
         self._open: deque[socket] = deque()
         self._numbers = itertools.count()
-        self._hello = client_hello()
+        self._hello = hello or client_hello()
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self.made = 0

@@ -10,6 +10,8 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, ValidationError, convert
 
+WORLD = "map"
+"""Name of our world's frame, for all tools, after ROS's convention (REP 105)."""
 _RADIUS, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 _SQUARE = _FLATTENING * (2 - _FLATTENING)
 """Square of the ellipsoid's eccentricity."""

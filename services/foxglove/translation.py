@@ -6,13 +6,14 @@ from typing import Any
 
 import msgspec
 
+from quadctl.schemas.earth import WORLD
 from quadctl.schemas.services import GotoRequest
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 
 _GOAL_HINT = 'publish {"x": 1, "y": 2, "z": 1.5}, m, or a PoseStamped or PointStamped of ROS'
-_WORLD = "world"
-"""Frame of the scene."""
+_WORLD_BEFORE = "world"
+"""Name of that frame until 2026, in layouts that users have saved."""
 _FLOATS = (float, int)
 _BAD = (msgspec.MsgspecError, TypeError, ValueError, OverflowError, RecursionError)
 
@@ -29,8 +30,8 @@ def goal_of(data: bytes, height: float | None) -> GotoRequest:
         raise Invalid(f"the goal is not JSON: {error}", _GOAL_HINT) from error
     place, of_ros = plain, False
     frame = _frame_of(plain)
-    if frame not in {"", _WORLD}:
-        raise Invalid(f"the goal is in the frame {frame}", f"use {_WORLD}")
+    if frame not in {"", WORLD, _WORLD_BEFORE}:
+        raise Invalid(f"the goal is in the frame {frame}", f"use {WORLD}")
     for name in ("pose", "position", "point"):
         if isinstance(place, dict) and name in place:
             place, of_ros = place[name], True

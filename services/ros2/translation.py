@@ -6,6 +6,7 @@ The world is the frame `map` (ENU), the body of a vehicle is `VEHICLE/base_link`
 import math
 from collections.abc import Sequence
 
+from quadctl.schemas.earth import WORLD
 from quadctl.schemas.messages import CageSize, Pose, Pressure, SafetyState, Velocity, Zone
 from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.zones import edges_of
@@ -31,7 +32,6 @@ from quadctl.services.ros2.messages import (
     Vector,
 )
 
-WORLD = "map"
 _LINE_LIST, _ADD, _DELETE = 5, 0, 2
 _LINE = 0.03
 """Width of a line in m."""

@@ -108,7 +108,7 @@ def test_topics_services_and_their_schemas_are_those_of_a_recording(client: Foxg
 
 def test_frames_are_the_poses(client: FoxgloveClient, run: quadctl.Run):
     frame = client.message("/tf")
-    assert (frame["parent_frame_id"], frame["child_frame_id"]) == ("world", "uav")
+    assert (frame["parent_frame_id"], frame["child_frame_id"]) == ("map", "uav")
     assert abs(frame["timestamp"]["sec"] - time.time()) < 5
 
 

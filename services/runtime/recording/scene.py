@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from msgspec import Struct, field, structs
 
+from quadctl.schemas.earth import WORLD
 from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState, Zone, Zones
 from quadctl.schemas.topics import POSE
 from quadctl.schemas.zones import FARTHEST, edges_of
@@ -143,7 +144,6 @@ class SceneUpdate(Struct, frozen=True):
     entities: list[SceneEntity]
 
 
-WORLD = "world"
 _ON, _OFF = Color(0.10, 0.50, 0.22, 0.9), Color(0.55, 0.58, 0.62, 0.5)
 _GOAL = Color(0.12, 0.44, 0.92, 0.7)
 _ZONES = {"exclusion": Color(0.81, 0.13, 0.18, 0.9), "inclusion": _ON}

@@ -35,7 +35,8 @@ def test_a_goal_on_the_ground_needs_the_height():
 def test_a_goal_of_another_frame_is_refused():
     with pytest.raises(Invalid, match="in the frame uav"):
         goal({"header": {"frame_id": "uav"}, "point": POINT})
-    assert goal({"header": {"frame_id": "world"}, "point": POINT | {"z": 1}}).z == 1
+    for ours in ("map", "world"):
+        assert goal({"header": {"frame_id": ours}, "point": POINT | {"z": 1}}).z == 1
 
 
 @pytest.mark.parametrize(

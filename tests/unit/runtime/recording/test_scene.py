@@ -8,7 +8,7 @@ from tests.support.bags import BEGAN, pose, state
 
 def test_the_frame_has_the_vehicles_place_and_the_recording_time():
     frame = Scene("uav3").frame(pose(7), BEGAN + 5)
-    assert (frame.parent_frame_id, frame.child_frame_id) == ("world", "uav3")
+    assert (frame.parent_frame_id, frame.child_frame_id) == ("map", "uav3")
     assert (frame.timestamp.sec, frame.timestamp.nsec) == (BEGAN // 10**9, 5)
     assert frame.translation.x == pose(7).position.x
     assert frame.rotation.w == 1.0

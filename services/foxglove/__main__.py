@@ -206,7 +206,7 @@ class ShownVehicle:
         self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
         self.endpoints = node.endpoints
         self._bridge, self._node = bridge, node
-        self.parameters = RemoteParams(self.call)
+        self.parameters = RemoteParams(self.call, node.endpoints)
         self._routes: dict[tuple[str, str], Route] = {}
         self._channels: dict[tuple[str, type[Struct] | None], ShownTopic] = {}
         self._height: float | None = None

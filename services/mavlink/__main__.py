@@ -124,7 +124,7 @@ class NodeServices:
     system: MavlinkSystem
 
     def __init__(self, node: Node) -> None:
-        self._node, self.parameters = node, RemoteParams(self._call)
+        self._node, self.parameters = node, RemoteParams(self._call, node.endpoints)
         self._poses: Subscription[Any] | None = None
 
     def goto(self, request: GotoRequest) -> GotoResponse:

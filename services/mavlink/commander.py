@@ -6,6 +6,7 @@ All methods but `see`, `view` and the properties may call services, and block.
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, Protocol
 
 from msgspec import Struct, convert, to_builtins
@@ -157,9 +158,8 @@ class Commander:
 
     def learn_start(self) -> None:
         """Read where the vehicle starts: a bridge that starts later has not seen it."""
-        values = self._services.parameters.read()
-        if "dynamics.start.x" in values:
-            self._start = values["dynamics.start.x"], values["dynamics.start.y"]
+        with suppress(QuadctlError):
+            self._start = self._parameter("dynamics.start.x"), self._parameter("dynamics.start.y")
 
     def explain(self, problem: QuadctlError) -> None:
         """Show the reason of a refusal."""

@@ -41,15 +41,16 @@ def short_name(own: str) -> str:
 def table(values: Mapping[str, Any]) -> list[MavlinkParameter]:
     """Return the numbers among values by dotted name, sorted by short name.
 
-    MAVLink has no texts or tables. An integer with the bits of no number, from 2139095041 on, is
+    MAVLink has no texts or tables. Of equal short names only the first one's is there. An integer with the bits of no number, from 2139095041 on, is
     left out: such bits change on their way.
     """
-    found = [
-        MavlinkParameter(own, short_name(own), *_encoded(value))
-        for own, value in values.items()
-        if isinstance(value, int | float)
-    ]
-    return sorted((each for each in found if not isnan(each.value)), key=lambda each: each.name)
+    found: dict[str, MavlinkParameter] = {}
+    for own, value in values.items():
+        if isinstance(value, int | float):
+            each = MavlinkParameter(own, short_name(own), *_encoded(value))
+            if not isnan(each.value):
+                found.setdefault(each.name, each)
+    return [found[name] for name in sorted(found)]
 
 
 def _encoded(value: Any) -> tuple[int, float]:

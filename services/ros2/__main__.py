@@ -376,7 +376,7 @@ class Bridge:
         return self._outcome(service, request)
 
     def _serve_parameters(self) -> None:
-        store = parameters.ParameterStore(RemoteParams(self._call))
+        store = parameters.ParameterStore(RemoteParams(self._call, self._node.endpoints))
         for name, service, handler in (
             ("list_parameters", LIST_PARAMETERS, store.list),
             ("get_parameters", GET_PARAMETERS, store.get),

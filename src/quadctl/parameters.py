@@ -10,6 +10,7 @@ from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
+from quadctl.services.runtime.params import remote
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.run_files import UNSERVED, not_running
@@ -18,7 +19,7 @@ from quadctl.services.runtime.typed import argument, plain
 
 def nodes_with_params(client: Client) -> list[str]:
     """Return the live nodes that have parameters."""
-    return sorted({offer.node for offer in client.endpoints() if offer.type == "GetParams"})
+    return remote.nodes_with_params(client.endpoints())
 
 
 def node_of(name: str, live: list[str]) -> str:

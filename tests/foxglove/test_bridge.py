@@ -16,7 +16,9 @@ from math import dist
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
+import zenoh
 from websockets.asyncio.client import connect as secure
 from websockets.exceptions import InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
@@ -27,6 +29,7 @@ from quadctl.cli.bridge.foxglove import LAYOUT
 from quadctl.schemas.topics import SERVICES, TOPICS
 from quadctl.schemas.typeinfo import json_schema
 from quadctl.services.runtime.bus import session
+from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.session import free_port
 from quadctl.services.runtime.realm import Realm
 from tests.support import missions
@@ -191,6 +194,40 @@ def test_parameters_are_read_and_set_with_their_types(client: FoxgloveClient, ru
     client.document(
         "parameterValues", lambda each: [p["value"] for p in each["parameters"]] == [0.25]
     )
+
+
+@pytest.mark.thorough
+def test_a_users_own_node_has_its_parameters_there(client: FoxgloveClient, run: quadctl.Run):
+    values, name = {"meter.scale": 2.5}, "uav.meter.scale"
+
+    def get(query: zenoh.Query) -> None:
+        with query:
+            reply = msgspec.msgpack.encode({"values": values})
+            query.reply(query.key_expr, reply, encoding="application/msgpack")
+
+    def change(query: zenoh.Query) -> None:
+        with query:
+            assert query.payload is not None
+            values.update(msgspec.msgpack.decode(query.payload.to_bytes())["values"])
+            reply = msgspec.msgpack.encode({"success": True, "reason": ""})
+            query.reply(query.key_expr, reply, encoding="application/msgpack")
+
+    with Client(run.realm, "uav") as own:
+        declared: list[Any] = []
+        for service, type_, handler in (
+            ("get_params", "GetParams", get),
+            ("set_params", "SetParams", change),
+        ):
+            key = f"uav/@srv/meter/{service}"
+            token = f"uav/@node/meter/@srv/{type_}/00000000/0/{key.replace('/', '%')}"
+            declared += [
+                own.session.declare_queryable(key, handler, complete=True),
+                own.session.liveliness().declare_token(token),
+            ]
+        eventually(lambda: name in client.parameters())
+        assert client.set_parameters(**{name: 3.5})[name]["value"] == 3.5
+        assert values == {"meter.scale": 3.5}
+        assert run.vehicle.params["meter.scale"] == 3.5
 
 
 @pytest.mark.thorough

@@ -2,12 +2,13 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import inf
 from typing import Any
 
 from msgspec import Struct
 
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
 from quadctl.schemas.topics import Service, get_params, set_params
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
@@ -15,11 +16,23 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
 _NODES = ("dynamics", "pressure", "safety")
 
 
-class RemoteParams:
-    """Parameters of one vehicle. `call` calls a service; it blocks, and raises QuadctlError."""
+def nodes_with_params(offers: Iterable[EndpointInfo]) -> list[str]:
+    """Return the nodes that have parameters, among those that offer something."""
+    return sorted({offer.node for offer in offers if offer.type == "GetParams"})
 
-    def __init__(self, call: Callable[[Service[Any, Any], Struct], Any]) -> None:
-        self._call = call
+
+class RemoteParams:
+    """Parameters of one vehicle's live nodes, also of its users' own.
+
+    `call` calls a service, `endpoints` returns what the nodes offer; both block, and raise QuadctlError.
+    """
+
+    def __init__(
+        self,
+        call: Callable[[Service[Any, Any], Struct], Any],
+        endpoints: Callable[[], Iterable[EndpointInfo]],
+    ) -> None:
+        self._call, self._endpoints = call, endpoints
         self._last: dict[str, Any] = {}
         self._read_at = -inf
 
@@ -31,12 +44,19 @@ class RemoteParams:
         if time.monotonic() - self._read_at < age:
             return self._last
         values: dict[str, Any] = {}
-        for node in _NODES:
+        for node in self._nodes():
             # A node that is down has no parameters now; the others' stay within reach.
             with contextlib.suppress(QuadctlError):
                 values |= self._call(get_params(node), GetParamsRequest([])).values
         self._last, self._read_at = values, time.monotonic()
         return values
+
+    def _nodes(self) -> list[str]:
+        """Return the live nodes with parameters, the lab's first: their names go before others'."""
+        with contextlib.suppress(QuadctlError):
+            live = nodes_with_params(self._endpoints())
+            return sorted(live, key=lambda node: node not in _NODES)
+        return []
 
     def forget(self) -> None:
         """Read all anew at the next time: somebody has set one."""
@@ -56,7 +76,7 @@ class RemoteParams:
         if len(nodes) > 1:
             raise Invalid("these are of several nodes: set one node's at a time")
         # The node itself refuses an unknown name, with the nearest one.
-        node = nodes.pop() if nodes and nodes <= set(_NODES) else _NODES[-1]
+        node = nodes.pop() if nodes and nodes <= {*_NODES, *self._nodes()} else _NODES[-1]
         reply = self._call(set_params(node), SetParamsRequest(dict(changes)))
         self.forget()
         if not reply.success:

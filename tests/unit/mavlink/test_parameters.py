@@ -70,3 +70,8 @@ def test_a_value_of_another_type_is_refused(type_: int, value: float, present: f
 def test_texts_and_tables_are_left_out():
     assert not parameters.table({"pressure.source": "simulated", "safety.zones": []})
     assert not isnan(parameters.table({"dynamics.seed": 1})[0].value)
+
+
+def test_a_users_own_parameter_does_not_take_the_name_of_ours():
+    (each,) = parameters.table({"safety.takeoff_x": 1.0, "sensor.takeoff_x": 2.0})
+    assert each.own == "safety.takeoff_x"

@@ -13,6 +13,7 @@ from msgspec import Struct
 from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.earth import Origin
+from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.messages import (
     BodyRates,
     CageSize,
@@ -48,13 +49,19 @@ ACCEPTED, DENIED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
 AT_WALL = "outside the cage"
 
 
+OFFERS = [
+    EndpointInfo("uav", "@srv", node, "GetParams", "", 0.0, f"uav/@srv/{node}/get_params")
+    for node in ("dynamics", "safety")
+]
+
+
 class Rig:
     """Vehicle that is where it was sent at once; safety refuses what is beyond 5 m, and `log` tells."""
 
     def __init__(self) -> None:
         self.sent: list[Any] = []
         self.orders: list[Any] = []
-        self.parameters = RemoteParams(self._call)
+        self.parameters = RemoteParams(self._call, lambda: OFFERS)
         self.gate = threading.Event()
         self.gate.set()
         self.faults: list[logging.LogRecord] = []

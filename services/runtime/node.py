@@ -80,7 +80,7 @@ class Node:
         self._lockstep = lockstep
         self._follows = lockstep and not keeps_time
         present = present or liveliness.present(session, [vehicle])
-        self._servers = present.servers
+        self._servers = dict(present.servers)
         if (vehicle, name) in present.nodes:
             raise AlreadyServed(f"another process is already the node {name} of {vehicle}")
         log = logging.getLogger(name)
@@ -216,7 +216,7 @@ class Node:
         """Serve a service; the handler runs on the node's loop and may raise a QuadctlError.
 
         With `inline` it may run earlier, on a Zenoh thread, and must not block. Raises
-        AlreadyServed when another node serves it, NotAllowed if a guarded node may not.
+        AlreadyServed when another node serves it, or this one already, NotAllowed if a guarded node may not.
         """
         require(service, Service, "TOGGLE_CAGE of quadctl.schemas.topics")
         require_function(handler)
@@ -237,7 +237,10 @@ class Node:
 
         server = Server(self.vehicle, service, handle, self._schedule, journal)
         if other := self._servers.get(server.key):
-            raise AlreadyServed(f"{server.key} is already served by the node {other}")
+            own = "serve each service once; `start` serves the node's parameters"
+            hint = own if other == self.name else f"`quadctl up --without {other}` leaves it out"
+            raise AlreadyServed(f"{server.key} is already served by the node {other}", hint)
+        self._servers[server.key] = self.name
         name, digest = service.type_name, codec.digest(service.request)
         offer = keyexpr.EndpointInfo(self.vehicle, "@srv", self.name, name, digest, 0.0, server.key)
         self._offers.append(lambda: offer)

@@ -13,13 +13,14 @@ import numpy as np
 import quadctl
 from quadctl.schemas.messages import Pose, Position, Waypoint
 from quadctl.schemas.services import HoldRequest
-from quadctl.schemas.topics import HOLD, POSE, STATE
+from quadctl.schemas.topics import HOLD, POSE, STATE, get_params
 
 WORD = quadctl.Topic("own/word", Waypoint, node="", hz=0, doc="A place.")
 WRONG = {
     "a text as a topic": lambda node, out: node.publisher("pose"),
     "a text to listen to": lambda node, out: node.listen("pose", print),
     "a text as a service": lambda node, out: node.serve("hold", print),
+    "a service twice": lambda node, out: node.serve(get_params(node.name), print),
     "a text as a client's service": lambda node, out: node.client("hold"),
     "a text as a latched topic": lambda node, out: node.latest("state", 1.0),
     "no handler": lambda node, out: node.serve(HOLD, None),

@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Any
 
@@ -52,13 +52,19 @@ def same(flight: dict[str, Any]) -> dict[str, Any]:
     return {name: flight[name] for name in SAME}
 
 
+_BURST, _PAUSE = 100, 0.01
+"""Messages of a burst, and seconds between two: up to 10 000 a second, of which a bridge needs 20."""
+
+
 def fly_beside(lab: Lab, bridge: Foreground, flood: Callable[[], object]) -> dict[str, Any]:
     """Fly with a bridge that is read, flooded, frozen and killed; return the same of each flight."""
     flown = {"read": fly(lab)}
     with ThreadPoolExecutor(1) as pool:
         flooded = pool.submit(fly, lab)
-        while not flooded.done():
-            flood()
+        # As fast as can be, it would be a test of a machine without a free processor: see `busy`.
+        while not wait([flooded], _PAUSE).done:
+            for _ in range(_BURST):
+                flood()
         flown["flooded"] = flooded.result()
     bridge.send(signal.SIGSTOP)
     flown["frozen"] = fly(lab)

@@ -278,7 +278,7 @@ def test_a_run_that_ended_otherwise_is_closed_in_silence(how: str):
     next(watch)
     ended_by(run, how)
     if how != "freeze":
-        assert repr(run).endswith(", ended>")
+        eventually(lambda: repr(run).endswith(", ended>"))
         with pytest.raises(quadctl.Unreachable):
             list(watch)
     with pytest.raises(ZeroDivisionError), run:

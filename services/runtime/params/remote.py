@@ -76,7 +76,8 @@ class RemoteParams:
         if len(nodes) > 1:
             raise Invalid("these are of several nodes: set one node's at a time")
         # The node itself refuses an unknown name, with the nearest one.
-        node = nodes.pop() if nodes and nodes <= {*_NODES, *self._nodes()} else _NODES[-1]
+        is_known = nodes and (nodes <= set(_NODES) or nodes <= set(self._nodes()))
+        node = nodes.pop() if is_known else _NODES[-1]
         reply = self._call(set_params(node), SetParamsRequest(dict(changes)))
         self.forget()
         if not reply.success:

@@ -165,7 +165,15 @@ class _Links:
 
     def __init__(self, options: Options, first: str) -> None:
         self._options, self._first = options, first
-        self._links = {first: Link(options, first)}
+        self._links: dict[str, Link] = {}
+
+    def begin(self) -> None:
+        """Make the link of the first vehicle, once the server has started.
+
+        Before, NiceGUI looks for its server among all objects of the process, and in Python 3.11 a
+        tuple that another thread is just making cannot be finished then.
+        """
+        self._links[self._first] = Link(self._options, self._first)
 
     def vehicles(self) -> list[str]:
         """Return the vehicles to choose from, without a query on a bus, which may be slow."""
@@ -198,6 +206,7 @@ def serve(
     # A page's text would reach the terminal, with any control characters.
     core.sio.on("log", lambda *_: None)
     app.on_startup(_Malformed().install)
+    app.on_startup(links.begin)
     outer = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     ui.run_with(
         outer,

@@ -51,6 +51,31 @@ def get(url: str, **headers: str) -> tuple[int, str, http.client.HTTPMessage]:
         return answer.status, answer.read().decode(), answer.headers
 
 
+_WATCHED = """
+import gc, sys, threading
+every = gc.get_objects
+def get_objects(*of):
+    names = [thread.name for thread in threading.enumerate()]
+    print("objects are listed beside", *names, file=sys.stderr, flush=True)
+    return every(*of)
+gc.get_objects = get_objects
+from quadctl.cli.main import main
+main()
+"""
+
+
+@pytest.mark.thorough
+def test_no_link_of_the_console_runs_while_nicegui_lists_all_objects(two_vehicles: Lab):
+    # In Python 3.11 a tuple that another thread is making then fails with a SystemError.
+    _, *words = two_vehicles.command("console", "--port", "0", "--json")
+    words = words[words.index("console") :]
+    process = two_vehicles.spawn(sys.executable, "-c", _WATCHED, *words)
+    assert eventually(lambda: "objects are listed beside" in process.log)
+    process.send(signal.SIGINT)
+    assert process.wait() == 130, process.log
+    assert "link" not in process.log, process.log
+
+
 @pytest.mark.thorough
 def test_console_without_a_run_exits_3(lab: Lab):
     done = lab.quadctl("console", "--port", "0", "--json")

@@ -1,6 +1,7 @@
 """Parameters of a vehicle's nodes, read and set by a bridge to another network."""
 
 import contextlib
+import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from math import inf
@@ -34,7 +35,8 @@ class RemoteParams:
     ) -> None:
         self._call, self._endpoints = call, endpoints
         self._last: dict[str, Any] = {}
-        self._read_at = -inf
+        self._read_at, self._forgotten = -inf, 0
+        self._lock = threading.Lock()
 
     def read(self, age: float = 0.0) -> dict[str, Any]:
         """Return the parameters of the nodes that answer, by dotted name.
@@ -44,11 +46,14 @@ class RemoteParams:
         if time.monotonic() - self._read_at < age:
             return self._last
         values: dict[str, Any] = {}
+        began, forgotten = time.monotonic(), self._forgotten
         for node in self._nodes():
             # A node that is down has no parameters now; the others' stay within reach.
             with contextlib.suppress(QuadctlError):
                 values |= self._call(get_params(node), GetParamsRequest([])).values
-        self._last, self._read_at = values, time.monotonic()
+        with self._lock:
+            # One that was set meanwhile may be among them with its value of before.
+            self._last, self._read_at = values, began if forgotten == self._forgotten else -inf
         return values
 
     def _nodes(self) -> list[str]:
@@ -60,7 +65,9 @@ class RemoteParams:
 
     def forget(self) -> None:
         """Read all anew at the next time: somebody has set one."""
-        self._read_at = -inf
+        with self._lock:
+            self._read_at = -inf
+            self._forgotten += 1
 
     def get(self, name: str) -> Any:
         """Return one parameter; raise QuadctlError if its node does not answer."""

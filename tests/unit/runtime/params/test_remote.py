@@ -1,5 +1,6 @@
 """Parameters of a vehicle's nodes as a bridge reads and sets them, with services of the test."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -20,6 +21,8 @@ class Vehicle:
     def __init__(self) -> None:
         self.is_lost = False
         self.set_by: list[str] = []
+        self.reads = 0
+        self.meanwhile: Callable[[], None] = lambda: None
         self.parameters = RemoteParams(self._call, self._endpoints)
 
     def _endpoints(self) -> list[EndpointInfo]:
@@ -32,6 +35,8 @@ class Vehicle:
         if service.node == "slow":
             raise TimedOut("slow did not answer")
         if isinstance(request, GetParamsRequest):
+            self.reads += service.node == "meter"
+            self.meanwhile()
             return GetParamsResponse(VALUES[service.node])
         self.set_by.append(service.node)
         return SetParamsResponse(success=service.node != "safety", reason="there is no such one")
@@ -39,6 +44,20 @@ class Vehicle:
 
 def test_every_live_node_that_answers_is_read_the_labs_first():
     assert list(Vehicle().parameters.read()) == ["safety.takeoff", "meter.scale"]
+
+
+def test_parameters_are_read_again_if_one_was_set_while_they_were_read():
+    vehicle = Vehicle()
+    vehicle.parameters.read(age=60.0)
+    vehicle.parameters.read(age=60.0)
+    assert vehicle.reads == 1
+    vehicle.parameters.forget()
+    vehicle.meanwhile = vehicle.parameters.forget
+    vehicle.parameters.read(age=60.0)
+    vehicle.meanwhile = lambda: None
+    vehicle.parameters.read(age=60.0)
+    vehicle.parameters.read(age=60.0)
+    assert vehicle.reads == 3
 
 
 def test_without_a_hub_there_are_none():

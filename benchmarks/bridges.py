@@ -15,8 +15,7 @@ from benchmarks.raw.session import opened
 from benchmarks.results import Results
 from benchmarks.system import QUADCTL, running
 from quadctl.schemas.messages import Pose
-from quadctl.services.ros2 import cdr
-from quadctl.services.ros2.messages import PoseStamped
+from quadctl.services.bridges.ros2 import messages
 from quadctl.services.runtime.bus.session import free_port
 from tests.support.autopilot import rig
 from tests.support.foxglove import FoxgloveClient, serves
@@ -120,7 +119,7 @@ Arrived = tuple[float, Place]
 
 def _ros_poses(far: Arrivals) -> Iterator[Arrived]:
     for at, payload in far.found:
-        p = cdr.decode(PoseStamped, payload).pose.position
+        p = messages.decode("geometry_msgs/msg/PoseStamped", payload).pose.position
         yield at, (p.x, p.y, p.z)
 
 

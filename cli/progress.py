@@ -18,8 +18,7 @@ class Progress:
         self._line_every, self._line_at = line_every, time.monotonic() + line_every
         if not quiet and sys.stderr.isatty() and sys.stdout.isatty():
             from rich.console import Console
-            from rich.progress import BarColumn, TextColumn
-            from rich.progress import Progress as Bar
+            from rich.progress import BarColumn, Progress as Bar, TextColumn
 
             self._bar = Bar(
                 TextColumn("{task.description}"),

@@ -2,8 +2,7 @@
 
 import math
 
-from quadctl.cli.fleet.plan import Space as Airspace
-from quadctl.cli.fleet.plan import plan
+from quadctl.cli.fleet.plan import Space as Airspace, plan
 from quadctl.schemas.messages import Position
 from quadctl.services.airspace.geometry import Point
 from tests.support.fleet_flights import ACROSS, TALL, FleetFlight, fly_plan

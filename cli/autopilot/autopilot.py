@@ -1,20 +1,15 @@
 """`autopilot`: the process in the place of dynamics, in the place of the command."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from quadctl.cli import output
 from quadctl.cli.autopilot import calibration
-from quadctl.cli.bridge.extras import require
-from quadctl.cli.bridge.mavlink import check_origin, plainly
-from quadctl.cli.bridge.process import run_instead
+from quadctl.cli.bridge.process import command_of, require, run_instead
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
+from quadctl.services.bridges.options import AutopilotOptions
 from quadctl.services.runtime.errors import UsageError
-from quadctl.services.runtime.security import bridge_access
-
-_ADDRESS = "udpin:127.0.0.1:14540"
 
 
 def autopilot(
@@ -45,22 +40,14 @@ def autopilot(
     if action:
         raise UsageError(f"autopilot {action}: no such word", "`autopilot calibrate`, or none")
     require("mavlink")
-    if origin is None:
-        raise UsageError(
-            "--origin is missing: where is the cage's centre on the ground?",
-            "--origin LAT LON ALT, in degrees and m above mean sea level",
-        )
-    check_origin(origin)
-    given = options.connect or _ADDRESS
-    address = bridge_access.autopilot_address_of(given)
-    signed = signing_key is not None
-    bridge_access.check_peer(address, f"--connect {given}", signed=signed)
-    command = [sys.executable, "-P", "-m", "quadctl.services.mavlink.autopilot"]
-    command += ["--connect", given, "--origin", *map(plainly, origin), "--realm", options.realm]
-    if signing_key:
-        bridge_access.key_of(signing_key)
-        command += ["--signing-key", str(signing_key.resolve())]
-    command += ["--no-fence"] if no_fence else []
+    given = AutopilotOptions(
+        options.connect or AutopilotOptions().address,
+        origin or (),
+        str(signing_key or ""),
+        fenced=not no_fence,
+    )
+    given.check()
+    command = command_of("mavlink.autopilot", options, given)
     command += ["--vehicle", options.named] if options.named else []
     output.note("the pilot arms, and changes the mode to OFFBOARD or GUIDED; safety then flies")
     run_instead(command)

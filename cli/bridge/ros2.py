@@ -1,18 +1,11 @@
 """`bridge ros2`: the process of the bridge, in the place of the command."""
 
-import os
 from typing import Annotated
 
-from quadctl.cli.bridge.extras import require
 from quadctl.cli.bridge.process import become
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
-from quadctl.services.runtime.errors import UsageError
-from quadctl.services.runtime.security.endpoints import check
-
-DOMAIN = "ROS_DOMAIN_ID"
-_MOST = 232
-"""Largest domain of ROS, whose ports end there."""
+from quadctl.services.bridges.options import Ros2Options
 
 
 def ros2(
@@ -31,17 +24,5 @@ def ros2(
 
     Example: quadctl bridge ros2 --domain 0
     """
-    require("ros2")
-    number = _domain(domain)
-    check(router)
-    words = ["--router", router, "--domain", str(number)]
-    become("ros2", options, words, {"router": router, "domain": number})
-
-
-def _domain(given: int | None) -> int:
-    """Return the domain of the option, else of the environment; raise UsageError for a wrong one."""
-    text = str(given) if given is not None else os.environ.get(DOMAIN) or "0"
-    if not text.isdecimal() or int(text) > _MOST:
-        what = f"--domain {text}" if given is not None else f"{DOMAIN}={text}"
-        raise UsageError(f"{what}: there is no such domain", f"0 to {_MOST}")
-    return int(text)
+    given = Ros2Options(router, domain)
+    become("ros2", options, given, {"router": router, "domain": given.number})

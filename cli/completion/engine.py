@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from quadctl.cli import commands, context
-from quadctl.cli import names as known
+from quadctl.cli import commands, context, names as known
 from quadctl.cli.context import COMMON, Options, options_of
 from quadctl.cli.declarations import Names, Parameter, takes_signed, words_of
 from quadctl.parameters import nodes_with_params

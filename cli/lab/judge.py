@@ -26,8 +26,13 @@ from quadctl.cli.temporary_run import temporary_run
 from quadctl.schemas.messages import Waypoint
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import PRESSURE, REQUEST
-from quadctl.services.campaign.mission import FAR, CageEvent, Conditions, GotoEvent
-from quadctl.services.campaign.mission import mission as random_mission
+from quadctl.services.campaign.mission import (
+    FAR,
+    CageEvent,
+    Conditions,
+    GotoEvent,
+    mission as random_mission,
+)
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client

@@ -15,8 +15,14 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.files import read_text, write_new, write_whole
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import fixed_at_launch, live_switch
-from quadctl.services.runtime.params.load import check, gather, parse, read, table_of
-from quadctl.services.runtime.params.load import of as params_of
+from quadctl.services.runtime.params.load import (
+    check,
+    gather,
+    of as params_of,
+    parse,
+    read,
+    table_of,
+)
 from quadctl.services.runtime.params.names import flatten, put
 
 DEFAULT_FILE = Path("quad.toml")

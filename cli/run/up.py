@@ -11,7 +11,7 @@ from typing import Annotated
 from msgspec import structs
 
 from quadctl.cli import output
-from quadctl.cli.bridge.extras import require
+from quadctl.cli.bridge.process import require
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.run.commands import DEFAULT_FILE, status
@@ -21,8 +21,7 @@ from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.params import load
 from quadctl.services.runtime.process_table import NODES, Process
 from quadctl.services.runtime.realm import DEFAULT, HUB_ALONE
-from quadctl.services.runtime.supervisor import capacity
-from quadctl.services.runtime.supervisor import supervisor as running
+from quadctl.services.runtime.supervisor import capacity, supervisor as running
 from quadctl.services.runtime.supervisor.daemon import start_in_background as in_background
 from quadctl.services.runtime.supervisor.launch import Launch
 from quadctl.services.runtime.supervisor.supervisor import Supervisor

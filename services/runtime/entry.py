@@ -21,8 +21,7 @@ from quadctl.services.runtime.errors import AlreadyServed, QuadctlError
 from quadctl.services.runtime.executor import MultiNodeExecutor
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.params import live
-from quadctl.services.runtime.params import load as parameters
+from quadctl.services.runtime.params import live, load as parameters
 from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import table_of
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name

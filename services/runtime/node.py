@@ -138,7 +138,7 @@ class Node:
     ) -> Subscription[M]:
         """Subscribe to a topic; the handler, if any, runs on the node's loop.
 
-        With `inline` it may run earlier, on a Zenoh thread, and must not block. A topic that does
+        Of a latched topic its last message comes as well, if no newer one does. With `inline` it may run earlier, on a Zenoh thread, and must not block. A topic that does
         not wake the loop is handled at its next call or tick. In a node that follows simulated
         time, it advances to each pose before the pose's handler runs.
         """
@@ -157,9 +157,10 @@ class Node:
         subscription = Subscription(topic, post, now, awaited, handler, depth, wakes=wakes)
         self.executor.add_poller(subscription.poll)
         callback = zenoh.handlers.Callback(subscription.on_sample, indirect=False)
-        self._subscribers[subscription] = self._session.declare_subscriber(
-            topic.key(self.vehicle), callback
-        )
+        key = topic.key(self.vehicle)
+        self._subscribers[subscription] = self._session.declare_subscriber(key, callback)
+        if topic.latched:
+            zenoh_events.request_latched(self._session, key, subscription.on_latched)
         if advances:
             self._followed.add(subscription)
         if not topic.name.startswith("@"):  # calls are announced as services

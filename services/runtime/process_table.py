@@ -4,6 +4,7 @@ import sys
 from collections.abc import Collection, Mapping
 from typing import Literal, NamedTuple
 
+from quadctl.schemas.roles import BRIDGES
 from quadctl.services.runtime.errors import AlreadyServed, Invalid
 
 NODES = ("hub", "dynamics", "pressure", "safety")
@@ -112,7 +113,8 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
     command = commands.get(name)
     if command is None:
         # -P: a `services` folder in the working directory must not hide ours.
-        return (sys.executable, "-P", "-m", f"quadctl.services.{name}")
+        package = f"bridges.{name}" if name in BRIDGES else name
+        return (sys.executable, "-P", "-m", f"quadctl.services.{package}")
     import shlex
 
     try:

@@ -5,8 +5,7 @@ import pytest
 from quadctl.cli.demo.demo import TOWER, Lab, automaton
 from quadctl.schemas.params import Params
 from quadctl.services.runtime.bus.client import Client
-from tests.support.lab import PATIENT
-from tests.support.lab import Lab as System
+from tests.support.lab import PATIENT, Lab as System
 
 
 @pytest.mark.thorough

@@ -480,7 +480,7 @@ def test_the_layout_shows_what_the_bridge_offers(client: FoxgloveClient):
 @pytest.mark.thorough
 def test_up_supervises_a_bridge_with_the_options_of_its_file(tmp_path: Path):
     realm, port = f"foxglove-{os.getpid()}", free_port()
-    words = f"{sys.executable} -P -m quadctl.services.foxglove --port {port}"
+    words = f"{sys.executable} -m quadctl bridge foxglove --port {port}"
     file = tmp_path / "quad.toml"
     file.write_text(f"[processes]\nfoxglove = {json.dumps(words)}\n")
     command = [sys.executable, "-m", "quadctl"]

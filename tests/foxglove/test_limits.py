@@ -101,8 +101,15 @@ def test_a_state_of_a_users_own_does_not_move_the_ground(port: int, run: quadctl
 @pytest.mark.thorough
 def test_other_machines_need_a_certificate_however_the_bridge_is_started(lab: Lab):
     lab.start()
-    command = [sys.executable, "-P", "-m", "quadctl.services.foxglove", "--host", "0.0.0.0"]
-    process = lab.spawn(*command, "--port", str(free_port()), "--realm", lab.realm)
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "quadctl.services.bridges.foxglove",
+        "--realm",
+        lab.realm,
+    ]
+    process = lab.spawn(*command, "--options", f'{{"host": "0.0.0.0", "port": {free_port()}}}')
     assert process.wait() == 2
     assert "--host 0.0.0.0 lets other machines watch" in process.log
 

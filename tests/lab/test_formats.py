@@ -9,8 +9,7 @@ from xml.etree import ElementTree as ET
 import junitparser
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec import UNSET, Struct, UnsetType
 
 from quadctl.cli.lab.formats import Grade, written

@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
 import quadctl
-from quadctl.services.runtime.security.bridge_access import key_of
+from quadctl.services.bridges.options import MavlinkOptions
 from tests.support import missions
 from tests.support.lab import Lab, private_lab
 from tests.support.mavlink import ORIGIN, GroundStation, bridge, bridged, key_file, near
@@ -259,7 +259,7 @@ def test_only_signed_packets_are_taken_with_a_key(tmp_path: Path):
     file = key_file(tmp_path, "a passphrase of the class")
     with (
         quadctl.launch() as run,
-        GroundStation(key=key_of(file)) as signed,
+        GroundStation(key=MavlinkOptions(signing_key=str(file)).secret) as signed,
         bridge(run.realm, signed.port, "--signing-key", str(file)),
     ):
         beat = signed.wait("HEARTBEAT")

@@ -123,7 +123,7 @@ def interrupted(*words):
     os.kill(os.getpid(), signal.SIGINT)
     replace(*words)
 os.execv = interrupted
-process.run_instead([sys.executable, "-P", "-m", "quadctl.services.ros2"])
+process.run_instead([sys.executable, "-P", "-m", "quadctl.services.bridges.ros2"])
 """
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import zenoh
-from msgspec import Struct
 from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk import (
     ROS2Publisher,
@@ -22,8 +21,8 @@ from zenoh_ros2_sdk import (
 )
 from zenoh_ros2_sdk.session import ZenohSession
 
-from quadctl.services.ros2 import cdr, graph
-from quadctl.services.ros2.messages import RosService
+from quadctl.services.bridges.ros2 import graph, messages
+from quadctl.services.bridges.ros2.messages import RosService
 from quadctl.services.runtime.bus.session import free_port
 from tests.support import bridges
 from tests.support.lab import Lab
@@ -90,14 +89,15 @@ def readers(session: zenoh.Session, domain: str) -> Iterator[None]:
         subscriber.undeclare()
 
 
-def call(session: zenoh.Session, name: str, service: RosService[Any, Any], request: Struct) -> Any:
-    """Call a service of ROS by its key without the hash, e.g. `0/uav/hold`."""
+def call(session: zenoh.Session, name: str, service: RosService, *fields: Any) -> Any:
+    """Call a service of ROS by its key without the hash, e.g. `0/uav/hold`, with its request's fields."""
     domain, _, rest = name.partition("/")
     key = graph.endpoint_key(int(domain), f"/{rest}", service.name, service.hash)
     sender = graph.attachment(1, time.time_ns(), bytes(16))
-    (reply,) = session.get(key, payload=cdr.encode(request), attachment=sender, timeout=DEADLINE)
+    payload = messages.encode(messages.message(service.request, *fields))
+    (reply,) = session.get(key, payload=payload, attachment=sender, timeout=DEADLINE)
     assert reply.ok is not None, reply.err
-    return cdr.decode(service.response, reply.ok.payload.to_bytes())
+    return messages.decode(service.response, reply.ok.payload.to_bytes())
 
 
 def bridge(

@@ -5,8 +5,7 @@ import random
 from collections.abc import Iterator
 
 import shapely
-from shapely.geometry import LineString, Polygon
-from shapely.geometry import Point as Place
+from shapely.geometry import LineString, Point as Place, Polygon
 
 from quadctl.schemas.zones import ZoneParams, why_not_simple
 from quadctl.services.airspace.zones import (

@@ -160,6 +160,11 @@ class Subscription(Generic[M]):
             self._posted = True
             (self._post if self._flood else self._run_inline)(self.poll)
 
+    def on_latched(self, sample: zenoh.Sample) -> None:
+        """Queue the last message of a latched topic; one that came before is as new."""
+        if not self._since:
+            self.on_sample(sample)
+
     def poll(self) -> None:
         """Pass the messages waiting now to the handler, not later ones: a flood must not block."""
         self._posted = False

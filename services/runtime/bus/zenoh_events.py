@@ -2,6 +2,7 @@
 
 import threading
 from _weakref import ref  # weakref itself takes 0.5 ms of a command
+from collections.abc import Callable
 from typing import Any
 
 import zenoh
@@ -14,6 +15,8 @@ ALL_SERVERS: Any = {
 ONE_SERVER: Any = {**ALL_SERVERS, "target": zenoh.QueryTarget.BEST_MATCHING}
 """Arguments of a query for the answer of one server."""
 
+_LATCHED = 60.0
+"""Seconds that the answer with a latched message may take: nothing waits for it."""
 _KEPT = 16
 """Changes kept until they are read; the oldest are dropped, and any one left is enough."""
 
@@ -49,6 +52,18 @@ def pin_thread_state() -> None:
 
         _known.here = True
         ctypes.pythonapi.PyGILState_Ensure()
+
+
+def request_latched(session: zenoh.Session, key: str, take: Callable[[zenoh.Sample], None]) -> None:
+    """Request the last message of each latched topic that matches a key, on a thread of Zenoh's."""
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        pin_thread_state()
+        if (sample := reply.ok) is not None:
+            take(sample)
+
+    callback = zenoh.handlers.Callback(on_reply, indirect=False)
+    session.get(key, callback, timeout=_LATCHED, **ALL_SERVERS)
 
 
 class MatchingListener:

@@ -169,7 +169,8 @@ class Drawing:
 
     def __init__(self, vehicle: str) -> None:
         self._vehicle, self._scene = vehicle, Scene(vehicle)
-        self._state: SafetyState | None = None
+        self.state: SafetyState | None = None
+        """Newest state, once there is one."""
         self._zones = Zones(())
         self._fast = False
 
@@ -181,7 +182,7 @@ class Drawing:
                 return None  # a slow pose, which is one of the others
             return Derived(FRAMES_KEY, TRANSFORM, self._scene.frame(message, at))
         if isinstance(message, SafetyState):
-            self._state = message
+            self.state = message
         elif isinstance(message, Zones):
             self._zones = message
         else:
@@ -189,14 +190,13 @@ class Drawing:
         update = self._scene.update(message, at)
         return Derived(SCENE_KEY, SCENE, update) if update else None
 
-    def whole(self, at: int) -> Derived | None:
+    def whole(self, at: int) -> SceneUpdate | None:
         """Return the whole scene, for a viewer that is late; None before the first state."""
-        if self._state is None:
+        if self.state is None:
             return None
         scene = Scene(self._vehicle)
         scene.update(self._zones, at)
-        update = scene.update(self._state, at)
-        return Derived(SCENE_KEY, SCENE, update) if update else None
+        return scene.update(self.state, at)
 
 
 class Scene:

@@ -21,8 +21,7 @@ from msgspec import Struct
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.process_table import START_TIMEOUT
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.supervisor.fork import ForkedProcess
-from quadctl.services.runtime.supervisor.fork import possible as may_fork
+from quadctl.services.runtime.supervisor.fork import ForkedProcess, possible as may_fork
 from quadctl.services.runtime.supervisor.launch import Launch
 
 if TYPE_CHECKING:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from quadctl.schemas.params import MeanWindParams, WindParams
 from quadctl.schemas.vehicle import ControlParams, InertiaParams, VehicleParams

@@ -4,8 +4,7 @@ from math import inf, nan, nextafter
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import CageSize, Position

@@ -4,8 +4,7 @@ import math
 from fractions import Fraction
 
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from quadctl.schemas.zones import CircleParams, ZoneParams, why_not_simple
 from quadctl.services.airspace.routes import cuts

@@ -1,8 +1,7 @@
 """The fast parser and Typer read the same declarations, so both parse a line alike."""
 
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from quadctl.cli import fast_parser, typer_app
 from quadctl.cli.commands import COMMANDS, command

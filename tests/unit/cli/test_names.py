@@ -2,8 +2,7 @@
 
 import pytest
 import zenoh
-from hypothesis import assume, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 
 from quadctl.cli.names import checked_key, find_service, key_of, single_key
 from quadctl.schemas.topics import SERVICES, TOPICS, topic_of

@@ -3,8 +3,7 @@
 from math import atan2, cos, sin
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.vehicle import VehicleParams

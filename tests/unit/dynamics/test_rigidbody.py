@@ -7,8 +7,7 @@ written right-hand side (matrices, four explicit rotor positions).
 from math import asin, cosh, dist, exp, log, sqrt, tanh
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.vehicle import InertiaParams, VehicleParams
 from quadctl.services.dynamics.rigidbody import STEP, Body, Motors, State, body_constants, step

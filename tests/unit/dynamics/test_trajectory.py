@@ -6,8 +6,7 @@ from itertools import pairwise
 from math import ceil, dist, hypot, sqrt
 
 import pytest
-from hypothesis import assume, example, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics import trajectory as generator

@@ -5,8 +5,7 @@ from math import dist, exp, hypot, sqrt
 from statistics import fmean, pstdev
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams

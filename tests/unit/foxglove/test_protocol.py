@@ -5,11 +5,10 @@ import struct
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.keyexpr import EndpointInfo
-from quadctl.services.foxglove.protocol import (
+from quadctl.services.bridges.foxglove.protocol import (
     ClientAdvertise,
     ClientChannel,
     ClientMessage,

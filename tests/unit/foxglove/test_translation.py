@@ -4,18 +4,17 @@ import json
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.services import GotoRequest
-from quadctl.services.foxglove.translation import by_node, goal_of, readable, to_ours
+from quadctl.services.bridges.foxglove.translation import by_node, readable, request_of, to_ours
 from quadctl.services.runtime.errors import Invalid
 
 POINT = {"x": 1, "y": 2.0, "z": 0.0}
 
 
 def goal(plain: Any) -> GotoRequest:
-    return goal_of(json.dumps(plain).encode(), 1.5)
+    return request_of(json.dumps(plain).encode(), 1.5)
 
 
 def test_a_point_is_flown_to_as_it_is():
@@ -29,7 +28,7 @@ def test_a_goal_on_the_ground_as_the_3d_panel_points_there_keeps_the_height(plai
 
 def test_a_goal_on_the_ground_needs_the_height():
     with pytest.raises(Invalid, match="not known yet"):
-        goal_of(json.dumps({"point": POINT}).encode(), None)
+        request_of(json.dumps({"point": POINT}).encode(), None)
 
 
 def test_a_goal_of_another_frame_is_refused():
@@ -51,13 +50,13 @@ def test_anything_else_is_refused_with_its_form(plain):
 @given(st.binary(max_size=60))
 def test_garbage_is_refused(data):
     with pytest.raises(Invalid):
-        goal_of(data + b"}", 1.0)
+        request_of(data + b"}", 1.0)
 
 
 @pytest.mark.parametrize("text", ['{"x": 1e999, "y": 0, "z": 1}', '{"x": NaN, "y": 0, "z": 1}'])
 def test_a_goal_that_is_not_finite_is_refused(text):
     with pytest.raises(Invalid):
-        goal_of(text.encode(), 1.0)
+        request_of(text.encode(), 1.0)
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 import zenoh
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.services.gate.wire import Declarations, MalformedBatch
 from quadctl.services.runtime.bus.session import free_port

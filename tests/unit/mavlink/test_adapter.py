@@ -5,8 +5,7 @@ from math import inf, nan
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec.structs import astuple
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -14,9 +13,9 @@ from quadctl.schemas.earth import Origin
 from quadctl.schemas.messages import CageSize, Pose, Position, Quaternion, Setpoint, Zone
 from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.mavlink.adapter import AutopilotAdapter, Guarded
-from quadctl.services.mavlink.plan import PlanItem, zones_of
-from quadctl.services.mavlink.telemetry import View, turned
+from quadctl.services.bridges.mavlink.adapter import AutopilotAdapter, Guarded
+from quadctl.services.bridges.mavlink.plan import PlanItem, zones_of
+from quadctl.services.bridges.mavlink.telemetry import View, turned
 
 PX4, ARDUPILOT = mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 OFFBOARD, POSITION, GUIDED = 6 << 16, 3 << 16, 4

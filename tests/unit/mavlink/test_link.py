@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.mavlink.link import MavlinkLink
-from quadctl.services.runtime.security.bridge_access import address_of, autopilot_address_of
+from quadctl.services.bridges.mavlink.link import MavlinkLink
+from quadctl.services.bridges.options import AutopilotOptions, MavlinkOptions
 from tests.support.autopilot import free_udp_port
 from tests.support.running import eventually
 
@@ -24,7 +24,7 @@ KEY = bytes(range(32))
 def linked(key: bytes | None = None) -> Iterator[tuple[MavlinkLink, int, list[Any]]]:
     """A link that awaits its peer, its port, and what it takes."""
     port, taken = free_udp_port(), list[Any]()
-    address = autopilot_address_of(f"udpin:127.0.0.1:{port}")
+    address = AutopilotOptions(f"udpin:127.0.0.1:{port}").peer
     link = MavlinkLink(address, key, logging.getLogger("link"))
     threading.Thread(target=link.receive, args=(taken.append, lambda: None), daemon=True).start()
     yield link, port, taken
@@ -78,7 +78,9 @@ def test_a_peer_without_a_route_is_tried_again_with_each_message(
     with sender() as station:
         host, port = station.getsockname()
         monkeypatch.setattr(socket, "socket", Unrouted)
-        link = MavlinkLink(address_of(f"udpout:{host}:{port}"), None, logging.getLogger("link"))
+        link = MavlinkLink(
+            MavlinkOptions(f"udpout:{host}:{port}").peer, None, logging.getLogger("link")
+        )
         monkeypatch.undo()
         assert "there is no route to 127.0.0.1 yet" in caplog.text
         send = link.sender(1)

@@ -4,11 +4,10 @@ import struct
 from math import inf, isnan, nan
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.params import Params
-from quadctl.services.mavlink import parameters
+from quadctl.services.bridges.mavlink import parameters
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.catalogue import leaves
 from quadctl.services.runtime.params.names import flatten

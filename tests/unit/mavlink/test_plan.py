@@ -3,14 +3,13 @@
 from math import dist, inf, nan
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.earth import Origin
 from quadctl.schemas.zones import CircleParams, ZoneKind, ZoneParams
-from quadctl.services.mavlink.plan import (
+from quadctl.services.bridges.mavlink.plan import (
     NOWHERE,
     Flyer,
     MissionStep,

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec import Struct
 from pymavlink.dialects.v20 import common as mavlink
 
@@ -27,11 +26,11 @@ from quadctl.schemas.services import (
     GetParamsRequest,
     GetParamsResponse,
     GotoRequest,
-    GotoResponse,
     SetParamsResponse,
 )
 from quadctl.schemas.topics import Service
-from quadctl.services.mavlink.system import MavlinkSystem
+from quadctl.services.bridges.mavlink.system import MavlinkSystem
+from quadctl.services.runtime.errors import Refused
 from quadctl.services.runtime.params.remote import RemoteParams
 from tests.support.running import eventually
 
@@ -95,16 +94,15 @@ class Rig:
             )
         )  # fmt: skip
 
-    def goto(self, request: GotoRequest) -> GotoResponse:
+    def fly(self, request: GotoRequest) -> None:
         self.gate.wait(10)
         self.orders.append((request.x, request.y, request.z))
         self.request += 1
         if max(abs(request.x), abs(request.y), request.z) > 5:
             self.state(self.flight, AT_WALL)
-            return GotoResponse(accepted=False, reason=AT_WALL)
+            raise Refused(AT_WALL)
         self.goal = Position(request.x, request.y, request.z)
         self.state("MOVING")
-        return GotoResponse(accepted=True, reason="")
 
     def hold(self) -> None:
         self.orders.append("hold")
@@ -114,8 +112,9 @@ class Rig:
     def toggle_cage(self, *, on: bool) -> None:
         self.orders.append(on)
 
-    def calibrate(self) -> None:
+    def calibrate(self) -> float:
         self.orders.append("calibrate")
+        return 0.0
 
     def watch(self, *, every_pose: bool) -> None:
         self.orders.append(every_pose)
@@ -274,7 +273,7 @@ def test_a_stop_comes_after_the_goal_that_is_being_requested(rig: Rig):
     "happens",
     [
         lambda rig: rig.hold(),
-        lambda rig: rig.goto(GotoRequest(2.0, 2.0, 2.0)),
+        lambda rig: rig.fly(GotoRequest(2.0, 2.0, 2.0)),
         lambda rig: rig.reset(),
     ],
     ids=["hold", "goto", "reset"],
@@ -418,7 +417,7 @@ def test_setpoints_that_are_not_flown_are_refused_by_their_kind(rig: Rig, target
 
 
 def test_a_long_text_ends_with_a_chunk_that_is_not_full():
-    from quadctl.services.mavlink.telemetry import texts
+    from quadctl.services.bridges.mavlink.telemetry import texts
 
     for length in (1, 49, 50, 51, 99, 100, 101):
         found = texts("x" * length, number=3)

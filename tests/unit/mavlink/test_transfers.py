@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.mavlink.plan import MOST_ITEMS, NOWHERE, PlanItem
-from quadctl.services.mavlink.transfers import AGAIN, ATTEMPTS, PlanKind, Transfers
+from quadctl.services.bridges.mavlink.plan import MOST_ITEMS, NOWHERE, PlanItem
+from quadctl.services.bridges.mavlink.transfers import AGAIN, ATTEMPTS, PlanKind, Transfers
 from quadctl.services.runtime.errors import Refused
 
 ME, OTHER = 255, 254

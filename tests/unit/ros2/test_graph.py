@@ -2,7 +2,7 @@
 
 import pytest
 
-from quadctl.services.ros2 import graph
+from quadctl.services.bridges.ros2 import graph
 
 TYPE = "geometry_msgs/msg/PoseStamped"
 NODE = graph.GraphNode(0, "aabb", 1, "uav", "quadctl")

@@ -1,11 +1,9 @@
 """Values, descriptions and listings of parameters as ROS has them."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from quadctl.services.ros2 import parameters
-from quadctl.services.ros2.messages import ListRequest, ParameterValue
+from quadctl.services.bridges.ros2 import parameters
 from quadctl.services.runtime.params.catalogue import leaves
 
 SCALARS = (
@@ -30,8 +28,10 @@ def test_what_ros_cannot_hold_is_text_in_tomls_notation(plain):
 
 
 def test_no_value_is_none_and_so_refused():
-    assert parameters.to_ours(ParameterValue(), 1.0) is None
-    assert parameters.to_ours(ParameterValue(type=99), 1.0) is None
+    assert parameters.to_ours(parameters._value(), 1.0) is None
+    unknown = parameters._value()
+    unknown.type = 99
+    assert parameters.to_ours(unknown, 1.0) is None
 
 
 def test_every_parameter_can_be_described():
@@ -61,4 +61,4 @@ def test_a_half_open_interval_is_text():
     ],
 )
 def test_a_listing_has_what_is_below_its_prefixes(prefixes, depth, names):
-    assert list(parameters.listed(NAMES, ListRequest(prefixes, depth)).names) == names
+    assert list(parameters.listed(NAMES, prefixes, depth).names) == names

@@ -1,8 +1,15 @@
 """Our messages as those of ROS: frames, units and shapes."""
 
-from math import cos, inf, nan, sin
+from math import cos, sin
+from typing import Any
 
 import pytest
+from msgspec import structs
+from rosbags.typesys.stores.ros2_jazzy import (
+    builtin_interfaces__msg__Time as Time,
+    geometry_msgs__msg__Point as Point,
+    geometry_msgs__msg__Vector3 as Vector3,
+)
 
 from quadctl.schemas.messages import (
     BodyRates,
@@ -14,14 +21,13 @@ from quadctl.schemas.messages import (
     SafetyState,
     Velocity,
     Zone,
+    Zones,
 )
-from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.zones import FARTHEST, CircleParams, ZoneParams
-from quadctl.services.ros2 import translation
-from quadctl.services.ros2.cdr import Malformed
-from quadctl.services.ros2.messages import Header, PlainPose, PoseStamped, RosTime, Vector
+from quadctl.services.bridges.ros2 import translation
+from quadctl.services.runtime.recording.scene import Drawing
 
-STAMP = RosTime(12, 500)
+STAMP = Time(12, 500)
 QUARTER = Quaternion(cos(0.25 * 3.141592653589793), 0.0, 0.0, sin(0.25 * 3.141592653589793))
 POSE = Pose(
     "boot", 1, 2.0, Position(1.0, 2.0, 3.0), Velocity(0.0, 1.5, 0.5), QUARTER,
@@ -43,14 +49,14 @@ def test_nanoseconds_become_seconds_and_the_rest():
 def test_a_pose_is_in_the_frame_map():
     found = translation.pose_stamped(POSE, STAMP)
     assert (found.header.stamp, found.header.frame_id) == (STAMP, "map")
-    assert found.pose.position == Vector(1.0, 2.0, 3.0)
+    assert found.pose.position == Point(1.0, 2.0, 3.0)
     assert found.pose.orientation.w == pytest.approx(QUARTER.w)
 
 
 def test_a_transform_leads_from_map_to_the_body():
     (found,) = translation.transform(POSE, STAMP, "uav1").transforms
     assert (found.header.frame_id, found.child_frame_id) == ("map", "uav1/base_link")
-    assert found.transform.translation == Vector(1.0, 2.0, 3.0)
+    assert found.transform.translation == Vector3(1.0, 2.0, 3.0)
 
 
 def test_odometry_has_the_velocity_in_the_body_frame():
@@ -58,7 +64,7 @@ def test_odometry_has_the_velocity_in_the_body_frame():
     # Turned left by 90 degrees, north is ahead.
     assert (twist.linear.x, twist.linear.y) == (pytest.approx(1.5), pytest.approx(0.0))
     assert twist.linear.z == pytest.approx(0.5)
-    assert twist.angular == Vector(0.1, 0.2, 0.3)
+    assert twist.angular == Vector3(0.1, 0.2, 0.3)
 
 
 def test_pressure_is_absolute_and_in_pascals():
@@ -70,45 +76,47 @@ def test_a_reason_follows_the_state():
     assert translation.state_text(STATE).data == "HOVERING"
 
 
-def test_the_cage_has_twelve_edges():
-    (cage,) = translation.bounds(STATE, (), set(), STAMP).markers
-    assert (cage.ns, cage.type, cage.action, cage.color.a) == ("cage", 5, 0, 1.0)
-    edges = {frozenset([a, b]) for a, b in zip(cage.points[::2], cage.points[1::2], strict=True)}
+def shown(*zones: Zone, cage_on: bool = True):
+    """Return the markers of a scene by their names."""
+    drawing = Drawing("uav")
+    drawing.derive("", Zones(zones), 0)
+    drawing.derive("", structs.replace(STATE, cage_on=cage_on), 0)
+    scene = drawing.whole(0)
+    assert scene is not None
+    first, *found = translation.markers(scene, STAMP, "uav").markers
+    assert first.action == 3  # everything that was shown before is deleted
+    by_name: dict[str, list[Any]] = {}
+    for each in found:
+        by_name.setdefault(each.ns, []).append(each)
+    return by_name
+
+
+def test_the_cage_has_twelve_edges_and_is_pale_while_it_is_off():
+    (cage,) = shown()["uav/cage"]
+    assert (cage.type, cage.action, cage.header.frame_id) == (5, 0, "map")
+    edges = {
+        frozenset([(a.x, a.y, a.z), (b.x, b.y, b.z)])
+        for a, b in zip(cage.points[::2], cage.points[1::2], strict=True)
+    }
     assert len(edges) == 12
     assert {(abs(p.x), abs(p.y)) for p in cage.points} == {(5, 4)}
     assert {p.z for p in cage.points} == {0, 3}
+    (off,) = shown(cage_on=False)["uav/cage"]
+    assert off.color.a < cage.color.a
 
 
 def test_zones_are_drawn_between_the_ground_and_the_top_of_the_cage():
-    _, tower, round_ = translation.bounds(STATE, (TOWER, ROUND), set(), STAMP).markers
+    found = shown(TOWER, ROUND)
+    ((tower,), (column,)) = found["uav/zone/tower"], found["uav/zone/round"]
     assert {point.z for point in tower.points} == {0, 2}
     assert ROUND.ceiling == FARTHEST
-    assert {point.z for point in round_.points} == {0, 3}
-    assert all(p.x**2 + p.y**2 == pytest.approx(4) for p in round_.points)
+    assert (column.type, column.scale) == (3, Vector3(4.0, 4.0, 3.0))
+    assert column.pose.position == Point(0.0, 0.0, 1.5)
 
 
-def test_a_zone_that_is_gone_is_removed():
-    _, gone = translation.bounds(STATE, (), {"tower"}, STAMP).markers
-    assert (gone.ns, gone.action) == ("zone tower", 2)
-
-
-def goal(x: float, y: float, z: float, frame: str = "map") -> PoseStamped:
-    return PoseStamped(Header(frame_id=frame), PlainPose(Vector(x, y, z)))
-
-
-@pytest.mark.parametrize("frame", ["", "map"])
-def test_a_goal_replaces_the_present_one(frame):
-    found = translation.goal_of(goal(1.0, 2.0, 3.0, frame), 9.0)
-    assert found == GotoRequest(1.0, 2.0, 3.0, replace=True)
-
-
-def test_a_goal_on_the_ground_means_the_present_height():
-    assert translation.goal_of(goal(1.0, 2.0, 0.0), 1.5).z == 1.5
-
-
-@pytest.mark.parametrize(
-    "bad", [goal(1.0, 1.0, 1.0, "odom"), goal(nan, 1.0, 1.0), goal(1.0, inf, 1.0)]
-)
-def test_a_goal_of_another_frame_or_without_a_place_is_refused(bad):
-    with pytest.raises(Malformed):
-        translation.goal_of(bad, 1.0)
+def test_the_body_is_drawn_in_its_own_frame_and_the_goal_where_it_is():
+    found = shown()
+    assert {each.header.frame_id for each in found["uav/body"]} == {"uav/base_link"}
+    assert len({each.id for each in found["uav/body"]}) == 3
+    (goal,) = found["uav/goal"]
+    assert (goal.type, goal.pose.position) == (2, Point(0, 0, 1))

@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.services import Call, GotoRequest, GotoResponse
 from quadctl.schemas.topics import GOTO

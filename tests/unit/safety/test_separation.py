@@ -8,8 +8,7 @@ from operator import itemgetter
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position

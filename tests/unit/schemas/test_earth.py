@@ -3,8 +3,7 @@
 from math import cos, dist, nan, radians, sin, sqrt
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.earth import Origin, origin_of
 

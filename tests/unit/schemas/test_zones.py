@@ -1,8 +1,7 @@
 """Zones as parameters: which polygons have an inside, and what is refused."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec import ValidationError, convert
 from shapely.geometry import Polygon
 

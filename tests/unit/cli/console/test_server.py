@@ -3,8 +3,7 @@
 import socket
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.cli.console.console import listening_socket, urls
 from quadctl.cli.console.server import may_control, refusal_reason

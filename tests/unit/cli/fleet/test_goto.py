@@ -1,8 +1,7 @@
 """Goals of `fleet goto`, and the exit code after several failures."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.cli.fleet.goto import about, named_goals, read

@@ -6,8 +6,7 @@ from pathlib import Path, PureWindowsPath
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.cli.lab import report
 from quadctl.cli.lab.formats import Grade

@@ -1,8 +1,7 @@
 """Mission file: its rows as service calls, and the errors of an invalid file."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.cli.mission.mission import (
     AFTER,

@@ -3,8 +3,7 @@
 import io
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.cli.output import duration
 from quadctl.cli.run.screen import Measurements, Panel, Shares, lines

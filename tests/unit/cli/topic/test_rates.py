@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.cli.topic.rates import Arrival, _arrival, bandwidth, delay_figures, rate
 from quadctl.services.runtime.bus.streams import Message

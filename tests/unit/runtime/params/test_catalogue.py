@@ -8,8 +8,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from msgspec import Struct, inspect, to_builtins
 
 from quadctl.schemas.params import FIXED_AT_LAUNCH, CageParams, Params, SafetyParams

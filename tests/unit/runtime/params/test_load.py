@@ -4,8 +4,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.barometer import PressureParams
 from quadctl.schemas.params import CageParams, Params, SafetyParams, StartParams

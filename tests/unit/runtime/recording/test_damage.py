@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from mcap.writer import CompressionType, Writer
 
 from quadctl.services.runtime.errors import AlreadyServed, Invalid

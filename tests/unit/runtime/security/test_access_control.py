@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.schemas.keyexpr import includes
 from quadctl.schemas.roles import ROLES, Right, Role, may, node_may

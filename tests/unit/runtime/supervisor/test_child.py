@@ -3,8 +3,7 @@
 import io
 import itertools
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from quadctl.services.runtime.supervisor.child import FEW, LONGEST, MOST, LineBuffer
 

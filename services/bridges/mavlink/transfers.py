@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from msgspec import Struct
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.mavlink.plan import MOST_ITEMS, PlanItem, degrees_e7
+from quadctl.services.bridges.mavlink.plan import MOST_ITEMS, PlanItem, degrees_e7
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 
 AGAIN, ATTEMPTS = 0.5, 8

@@ -3,10 +3,8 @@
 import asyncio
 import logging
 import secrets
-import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Collection, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Collection, Iterable
 from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol
@@ -15,7 +13,8 @@ from urllib.parse import parse_qs, urlsplit
 from websockets.asyncio.server import ServerConnection, broadcast
 from websockets.exceptions import ConnectionClosed
 
-from quadctl.services.foxglove.protocol import (
+from quadctl.services.bridges.base import RequestQueue, Taken, text_of
+from quadctl.services.bridges.foxglove.protocol import (
     ERROR,
     JSON,
     Advertised,
@@ -47,8 +46,6 @@ from quadctl.services.foxglove.protocol import (
 )
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
 
-_MOST_REQUESTS = 64
-"""Requests of a client that may wait; beyond, they are refused."""
 _BACKLOG = 4 << 20
 """Bytes of messages that may wait for a slow client; beyond, it loses the oldest."""
 _MOST_ANSWERS = 16 << 20
@@ -63,10 +60,6 @@ _MOST_TOPICS, _LONGEST_NAME = 1000, 256
 """Topics that a client may publish on, or parameters that it may watch, and their longest name."""
 _LONGEST_TEXT = 1000
 """Characters of a problem that a client is shown: it may quote the client's request."""
-_GOAL_PERIOD = 0.05
-"""Seconds between two goals of a client: safety decides at this rate, and calls go between."""
-_THREADS = 8
-"""Threads for calls, and as many for reads: these may wait for a node that is silent."""
 _EVERY = ""
 """Name for all parameters."""
 
@@ -105,7 +98,6 @@ class Channel:
 
 
 Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
-Job = Callable[[], Awaitable[None]]
 
 
 class Shared:
@@ -119,7 +111,7 @@ class Shared:
         self.stale: set[str] = set()
         """Parts to read anew for the clients: `graph` or `parameters`."""
         self.asked = asyncio.Event()
-        self._calls, self._reads = ThreadPoolExecutor(_THREADS), ThreadPoolExecutor(_THREADS)
+        self.loop: asyncio.AbstractEventLoop
 
     def mark_stale(self, what: str) -> None:
         """Have the `graph` or the `parameters` read soon."""
@@ -139,11 +131,10 @@ class Shared:
             hint = "start the bridge by `quadctl bridge foxglove --control`"
         return Refused("this client may only watch", hint)
 
-    async def in_pool(self, do: Callable[..., Any], *of: Any, reads: bool = False) -> Any:
-        """Return what a method of the backend returns; a fault in it becomes a QuadctlError."""
-        pool = self._reads if reads else self._calls
+    def tried(self, do: Callable[..., Any], *of: Any) -> Any:
+        """Return the result of a method of the backend, which blocks; a fault in it becomes a Refused."""
         try:
-            return await asyncio.get_running_loop().run_in_executor(pool, do, *of)
+            return do(*of)
         except QuadctlError:
             raise
         except Exception as fault:
@@ -152,7 +143,7 @@ class Shared:
 
 
 class FoxgloveClient:
-    """Client of the server; all methods are called on its thread."""
+    """Client of the server. Its methods are called on the server's thread, requests on their own."""
 
     def __init__(self, shared: Shared, connection: ServerConnection) -> None:
         self._shared, self._connection = shared, connection
@@ -166,22 +157,18 @@ class FoxgloveClient:
         self.graph: Graph | None = None
         """Graph as it was shown to the client; none without a subscription."""
         self._topics: dict[int, str] = {}
-        self._goal: PublishedGoal | None = None
         self._problems: set[str] = set()
         self._answers: deque[str | bytes] = deque()
         self._messages: deque[bytes] = deque()
         self._answer_bytes = self._bytes = self._written = 0
         self._ready = asyncio.Event()
-        self._jobs: asyncio.Queue[Job] = asyncio.Queue(_MOST_REQUESTS)
-        self._reads: asyncio.Queue[Job] = asyncio.Queue(_MOST_REQUESTS)
-        self._latest = asyncio.Event()
-        self._latest.set()
-        """Set once the request queued last has been executed."""
+        self._requests = RequestQueue(
+            lambda fault: shared.log.error("a request failed", exc_info=fault)
+        )
 
     async def serve(self) -> None:
         """Take requests until the client leaves."""
-        jobs = self._write(), self._watch(), self._work(self._jobs), self._work(self._reads)
-        tasks = [asyncio.create_task(each) for each in jobs]
+        tasks = [asyncio.create_task(each) for each in (self._write(), self._watch())]
         if self._token and not self.controls:
             self.complain("token", Refused("the token in this address is not of this bridge"))
         try:
@@ -195,6 +182,7 @@ class FoxgloveClient:
         except ConnectionClosed:
             pass
         finally:
+            self._requests.end()
             for task in tasks:
                 task.cancel()
 
@@ -219,7 +207,7 @@ class FoxgloveClient:
         """Show a problem until it is over, which None means."""
         if problem is not None:
             self._problems.add(what)
-            self.tell(Status(ERROR, _text_of(problem)[:_LONGEST_TEXT], what))
+            self.tell(Status(ERROR, text_of(problem)[:_LONGEST_TEXT], what))
         elif what in self._problems:
             self._problems.remove(what)
             self.tell(RemoveStatus([what]))
@@ -288,14 +276,6 @@ class FoxgloveClient:
         """Return the bytes that the socket has not taken yet."""
         return self._connection.transport.get_write_buffer_size()
 
-    async def _work(self, jobs: asyncio.Queue[Job]) -> None:
-        while True:
-            job = await jobs.get()
-            try:
-                await job()
-            except Exception:  # a fault in one request must not end all later ones
-                self._shared.log.exception("a request failed")
-
     def _take(self, data: str | bytes) -> None:
         try:
             request = request_of(data)
@@ -306,7 +286,8 @@ class FoxgloveClient:
             case ClientMessage(number, payload):
                 self._publish(self._topics.get(number, ""), payload)
             case ServiceCall():
-                self._queue(partial(self._call, request), partial(self._fail, request))
+                taken = self._requests.order(partial(self._call, request))
+                self._check_room(taken, partial(self._fail, request))
             case ClientAdvertise(channels):
                 for channel in channels:
                     self._advertise(channel)
@@ -314,9 +295,10 @@ class FoxgloveClient:
                 for number in numbers:
                     self._forget(number)
             case GetParameters():
-                self._queue_read(partial(self._get_parameters, request.parameter_names, request.id))
+                read = partial(self._get_parameters, request.parameter_names, request.id)
+                self._check_room(self._requests.read(read))
             case SetParameters():
-                self._queue(partial(self._set_parameters, request))
+                self._check_room(self._requests.order(partial(self._set_parameters, request)))
             case _:
                 self._change_subscriptions(request)
 
@@ -354,42 +336,23 @@ class FoxgloveClient:
             for data, at in channel.latest():
                 self.send(message_frame(number, at, data))
 
-    def _queue(self, job: Job, fail: Callable[[QuadctlError], object] | None = None) -> None:
-        """Execute a job after the client's earlier ones, or call `fail` if too many wait."""
-        ended = asyncio.Event()
-
-        async def do() -> None:
-            try:
-                await job()
-            finally:
-                ended.set()
-
-        self._goal = None
-        try:
-            self._jobs.put_nowait(do)
-            self._latest = ended
-        except asyncio.QueueFull:
+    def _check_room(
+        self, taken: Taken, fail: Callable[[QuadctlError], object] | None = None
+    ) -> None:
+        """Call `fail`, or show the problem, if too many requests wait."""
+        if taken == "full":
             problem = Refused("too many requests wait", "send the next ones after the answers")
             (fail or partial(self.complain, "request"))(problem)
 
-    def _queue_read(self, job: Job) -> None:
-        """Execute a job after the client's earlier requests, which need not wait for it."""
-        latest = self._latest
-
-        async def do() -> None:
-            await latest.wait()
-            await job()
-
-        try:
-            self._reads.put_nowait(do)
-        except asyncio.QueueFull:
-            self.complain("request", Refused("too many requests wait", "send fewer"))
+    def _later(self, do: Callable[..., object], *of: Any) -> None:
+        """Do something on the server's thread, from another one."""
+        self._shared.loop.call_soon_threadsafe(do, *of)
 
     def _check_control(self) -> None:
         if not self.controls:
             raise self._shared.why_watching
 
-    async def _call(self, call: ServiceCall) -> None:
+    def _call(self, call: ServiceCall) -> None:
         try:
             self._check_control()
             service = self._shared.services.get(call.service)
@@ -397,16 +360,14 @@ class FoxgloveClient:
                 raise Invalid(f"there is no service {call.service}")
             if call.encoding != JSON:
                 raise Invalid(f"the request is {call.encoding}", "send JSON")
-            reply = await self._shared.in_pool(
-                self._shared.backend.call, service.name, call.payload
-            )
-            self._answer(response_frame(call, reply))
-            self.complain("call", None)
+            reply = self._shared.tried(self._shared.backend.call, service.name, call.payload)
+            self._later(self._answer, response_frame(call, reply))
+            self._later(self.complain, "call", None)
         except QuadctlError as problem:
-            self._fail(call, problem)
+            self._later(self._fail, call, problem)
 
     def _fail(self, call: ServiceCall, problem: QuadctlError) -> None:
-        self.tell(ServiceCallFailure(call.service, call.number, _text_of(problem)[:_LONGEST_TEXT]))
+        self.tell(ServiceCallFailure(call.service, call.number, text_of(problem)[:_LONGEST_TEXT]))
         # Lichtblick shows no failure of a call.
         self.complain("call", problem)
 
@@ -430,60 +391,40 @@ class FoxgloveClient:
     def _publish(self, topic: str, data: bytes) -> None:
         if self._why_no_goals(topic):
             return  # shown since the topic was advertised
-        if self._goal and self._goal.topic == topic:
-            # It waits, and nothing after it: a flood must not queue up.
-            self._goal.data = data
-            return
-        goal = PublishedGoal(topic, data)
-        self._queue(partial(self._fly, goal), partial(self.complain, topic))
-        self._goal = goal
+        fly = partial(self._fly, topic, data)
+        taken = self._requests.order(fly, ("goal", topic), newest=True)
+        self._check_room(taken, partial(self.complain, topic))
 
     def _forget(self, number: int) -> None:
         """Forget a topic of the client, and what was wrong with it."""
         if topic := self._topics.pop(number, ""):
             self.complain(topic, None)
 
-    async def _fly(self, goal: "PublishedGoal") -> None:
-        began, problem, topic = time.monotonic(), None, goal.topic
-        if self._goal is goal:
-            self._goal = None
+    def _fly(self, topic: str, data: bytes) -> None:
+        problem = None
         try:
-            await self._shared.in_pool(self._shared.backend.fly, topic, goal.data)
+            self._shared.tried(self._shared.backend.fly, topic, data)
         except QuadctlError as error:
             problem = error
-        self.complain(topic, problem)
-        await asyncio.sleep(max(began + _GOAL_PERIOD - time.monotonic(), 0))
+        self._later(self.complain, topic, problem)
 
-    async def _get_parameters(self, names: list[str], request: str) -> None:
+    def _get_parameters(self, names: list[str], request: str) -> None:
         with suppress(QuadctlError):
-            parameters = self._shared.backend.parameters
-            values = await self._shared.in_pool(parameters, names, reads=True)
-            self.tell(ParameterValues(values, request))
+            values = self._shared.tried(self._shared.backend.parameters, names)
+            self._later(self.tell, ParameterValues(values, request))
 
-    async def _set_parameters(self, request: SetParameters) -> None:
+    def _set_parameters(self, request: SetParameters) -> None:
         problem = None
         try:
             self._check_control()
-            await self._shared.in_pool(self._shared.backend.set_parameters, request.parameters)
+            self._shared.tried(self._shared.backend.set_parameters, request.parameters)
         except QuadctlError as error:
             problem = error
-        self.complain("parameters", problem)
+        self._later(self.complain, "parameters", problem)
         # With the present values, a page shows what has become of its own.
-        await self._get_parameters([each.name for each in request.parameters], request.id)
+        self._get_parameters([each.name for each in request.parameters], request.id)
 
 
 def token_of(path: str) -> str:
     """Return the token in the path of an address, else an empty text."""
     return parse_qs(urlsplit(path).query).get("token", [""])[0]
-
-
-class PublishedGoal:
-    """Newest goal on a topic that waits to be flown to."""
-
-    def __init__(self, topic: str, data: bytes) -> None:
-        self.topic, self.data = topic, data
-
-
-def _text_of(problem: QuadctlError) -> str:
-    """Return a problem and its hint in one line."""
-    return f"{problem.message}: {problem.hint}" if problem.hint else problem.message

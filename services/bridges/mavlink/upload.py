@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.mavlink.plan import PlanItem
-from quadctl.services.mavlink.transfers import AGAIN, ATTEMPTS, Peer, PlanKind, item_message
+from quadctl.services.bridges.mavlink.plan import PlanItem
+from quadctl.services.bridges.mavlink.transfers import AGAIN, ATTEMPTS, Peer, PlanKind, item_message
 
 
 class PlanUpload:

@@ -1,7 +1,7 @@
 """Vehicle in a network of MAVLink: its telemetry, and the messages that it takes.
 
-Messages are taken on the link's thread. Everything that calls a service is done in order on a
-thread of the vehicle's own, so a silent service keeps no telemetry back.
+Messages are taken on the link's thread. Everything that calls a service is done by the vehicle's
+RequestQueue, so a silent service keeps no telemetry back.
 """
 
 import logging
@@ -10,29 +10,27 @@ import time
 from collections.abc import Callable
 from functools import partial
 from math import isfinite, isnan, nan
-from queue import Full, Queue
-from typing import Any, Literal
+from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.earth import Origin
 from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.topics import POSE_SLOW
-from quadctl.services.mavlink import parameters
-from quadctl.services.mavlink.commander import (
+from quadctl.services.bridges.base import AGE, RequestQueue
+from quadctl.services.bridges.mavlink import parameters
+from quadctl.services.bridges.mavlink.commander import (
     Commander,
     Send,
     Unsupported,
     VehicleServices,
     number,
 )
-from quadctl.services.mavlink.plan import NOWHERE, PlanItem, point_of
-from quadctl.services.mavlink.telemetry import NO_PLACE, NO_VELOCITY, View, no_file, texts
-from quadctl.services.mavlink.transfers import Peer, Transfer, Transfers
+from quadctl.services.bridges.mavlink.plan import NOWHERE, PlanItem, point_of
+from quadctl.services.bridges.mavlink.telemetry import NO_PLACE, NO_VELOCITY, View, no_file, texts
+from quadctl.services.bridges.mavlink.transfers import Peer, Transfer, Transfers
 from quadctl.services.runtime.errors import Invalid, NotAllowed, QuadctlError, Refused
 
-_MOST_WAITING = 64
-"""Requests that may wait; further ones are refused."""
 _FRESH = 1.0
 """Age (s) of the newest pose of a healthy vehicle."""
 _RATES = {
@@ -57,8 +55,6 @@ _SHORTEST, _LONGEST = 0.02, 60.0
 """Least and greatest interval of messages, s."""
 _SAME = 1.0
 """Seconds within which the same text of safety's state and of a reply is one."""
-_AGE = 1.0
-"""Seconds for which parameters need not be read again, unless they are set here."""
 _SLOW = 1 / POSE_SLOW.hz
 """Interval of the slow poses, s."""
 
@@ -79,8 +75,7 @@ class MavlinkSystem:
         self._shown_by: dict[str, tuple[str, float]] = {}
         self._intervals = {name: 1 / rate for name, rate in _RATES.items()}
         self._due = dict.fromkeys(_RATES, 0.0)
-        # A stop must not wait for reads: there may be hundreds, and of a node that is silent.
-        self._orders, self._reads = Requests(self._failed), Requests(self._failed)
+        self._requests = RequestQueue(self._failed)
         self._streaming: dict[int, Callable[[PlanItem], None]] = {
             mavlink.MAV_CMD_REQUEST_MESSAGE: lambda item: self._show(
                 _NUMBERS.get(number(item.params[0]), "")
@@ -115,16 +110,16 @@ class MavlinkSystem:
                 self._due[name] = max(self._due[name] + self._intervals[name], now)
                 self._send(getattr(view, name)())
         if self._commander.is_due_to_follow:
-            self._orders.add("OFFBOARD", self._commander.follow)
+            self._requests.order(self._commander.follow, "OFFBOARD")
         if self._transfers.uploading:
-            self._reads.add("again", lambda: self._reply(self._transfers.tick(now)))
+            self._requests.read(lambda: self._reply(self._transfers.tick(now)), "again")
 
     def take(self, message: Any, now: float) -> None:
         """Take a message of a ground station."""
         type_, peer = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
         if type_ in Transfers.MESSAGES:
             key = (type_, peer, message.mission_type, getattr(message, "seq", 0))
-            self._reads.add(key, lambda: self._reply(self._transfers.take(message, now)))
+            self._requests.read(lambda: self._reply(self._transfers.take(message, now)), key)
         elif take := self._takers.get(type_):
             take(self, message, peer)
 
@@ -176,10 +171,11 @@ class MavlinkSystem:
 
     def _take_set_mode(self, m: Any, _peer: Peer) -> None:
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24
-        self._orders.add(("SET_MODE", main, sub), partial(self._commander.set_mode, main, sub))
+        mode = partial(self._commander.set_mode, main, sub)
+        self._requests.order(mode, ("SET_MODE", main, sub))
 
     def _take_set_current(self, m: Any, _peer: Peer) -> None:
-        self._orders.add(("SET_CURRENT", m.seq), partial(self._commander.fly_from, m.seq))
+        self._requests.order(partial(self._commander.fly_from, m.seq), ("SET_CURRENT", m.seq))
 
     def _take_target(self, m: Any, _peer: Peer) -> None:
         if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
@@ -213,7 +209,7 @@ class MavlinkSystem:
     def _command(self, peer: Peer, item: PlanItem) -> None:
         """Execute a command; one that is repeated meanwhile is executed once."""
         job = partial(self._execute, peer, item)
-        match self._orders.add((peer, repr(item)), job):
+        match self._requests.order(job, (peer, repr(item))):
             case "waits":
                 self._acknowledge(peer, item.command, mavlink.MAV_RESULT_IN_PROGRESS)
             case "full":
@@ -267,7 +263,7 @@ class MavlinkSystem:
     # Parameters and files
 
     def _take_list(self, _m: Any, _peer: Peer) -> None:
-        self._reads.add("PARAM_REQUEST_LIST", self._send_parameters)
+        self._requests.read(self._send_parameters, "PARAM_REQUEST_LIST")
 
     def _send_parameters(self) -> None:
         found = self._table()
@@ -275,7 +271,7 @@ class MavlinkSystem:
             self._send_parameter(each, len(found), index)
 
     def _table(self) -> list[parameters.MavlinkParameter]:
-        return parameters.table(self._services.parameters.read(_AGE))
+        return parameters.table(self._services.parameters.read(AGE))
 
     def _send_parameter(self, each: parameters.MavlinkParameter, count: int, index: int) -> None:
         name = each.name.encode()
@@ -283,7 +279,8 @@ class MavlinkSystem:
 
     def _take_read(self, m: Any, _peer: Peer) -> None:
         name, index = m.param_id, m.param_index
-        self._reads.add(("PARAM_READ", name, index), partial(self._read_parameter, name, index))
+        read = partial(self._read_parameter, name, index)
+        self._requests.read(read, ("PARAM_READ", name, index))
 
     def _read_parameter(self, name: str, wanted: int) -> None:
         found = self._table()
@@ -293,7 +290,7 @@ class MavlinkSystem:
 
     def _take_set(self, m: Any, _peer: Peer) -> None:
         given = m.param_id, m.param_type, m.param_value
-        self._reads.add(("PARAM_SET", *given), partial(self._set_parameter, *given))
+        self._requests.read(partial(self._set_parameter, *given), ("PARAM_SET", *given))
 
     def _set_parameter(self, name: str, type_: int, value: float) -> None:
         own = next((each.own for each in self._table() if each.name == name), "")
@@ -323,38 +320,6 @@ class MavlinkSystem:
         "PARAM_SET": _take_set,
         "FILE_TRANSFER_PROTOCOL": _take_file_request,
     }
-
-
-class Requests:
-    """Requests that are done one after the other, on a thread; `fail` takes what a job raises."""
-
-    def __init__(self, fail: Callable[[Exception], None]) -> None:
-        self._fail = fail
-        self._jobs: Queue[tuple[Any, Callable[[], None]]] = Queue(_MOST_WAITING)
-        self._pending: set[Any] = set()
-        threading.Thread(target=self._work, daemon=True).start()
-
-    def add(self, key: Any, job: Callable[[], None]) -> Literal["added", "waits", "full"]:
-        """Add a request, unless one with its key waits already, or too many do: it is sent again."""
-        if key in self._pending:
-            return "waits"
-        self._pending.add(key)
-        try:
-            self._jobs.put_nowait((key, job))
-        except Full:
-            self._pending.discard(key)
-            return "full"
-        return "added"
-
-    def _work(self) -> None:
-        while True:
-            key, job = self._jobs.get()
-            try:
-                job()
-            except Exception as problem:  # noqa: BLE001 - a fault must not end all later requests
-                self._fail(problem)
-            finally:
-                self._pending.discard(key)
 
 
 def _frame(number: int) -> str:

@@ -15,10 +15,10 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.earth import Origin
 from quadctl.schemas.messages import Pose, Position, SafetyState
-from quadctl.schemas.services import GotoRequest, GotoResponse
+from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.zones import ZoneParams
-from quadctl.services.mavlink.pilot import Errand, Pilot
-from quadctl.services.mavlink.plan import (
+from quadctl.services.bridges.mavlink.pilot import Errand, Pilot
+from quadctl.services.bridges.mavlink.plan import (
     Flyer,
     MissionStep,
     PlanItem,
@@ -29,7 +29,7 @@ from quadctl.services.mavlink.plan import (
     takeoff_of,
     zones_of,
 )
-from quadctl.services.mavlink.telemetry import (
+from quadctl.services.bridges.mavlink.telemetry import (
     HOLD,
     IN_AIR,
     LAND,
@@ -39,7 +39,7 @@ from quadctl.services.mavlink.telemetry import (
     TAKEOFF,
     View,
 )
-from quadctl.services.mavlink.transfers import PlanKind
+from quadctl.services.bridges.mavlink.transfers import PlanKind
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, Unreachable
 from quadctl.services.runtime.params.remote import RemoteParams
 
@@ -58,8 +58,8 @@ class VehicleServices(Protocol):
 
     parameters: RemoteParams
 
-    def goto(self, request: GotoRequest) -> GotoResponse:
-        """Request a goal from safety."""
+    def fly(self, goal: GotoRequest) -> None:
+        """Request a goal from safety; raise Refused with its reason."""
 
     def hold(self) -> None:
         """Stop the vehicle."""
@@ -67,8 +67,8 @@ class VehicleServices(Protocol):
     def toggle_cage(self, *, on: bool) -> None:
         """Turn the cage on or off."""
 
-    def calibrate(self) -> None:
-        """Zero the barometer."""
+    def calibrate(self) -> float:
+        """Zero the barometer; return its baseline, hPa."""
 
     def watch(self, *, every_pose: bool) -> None:
         """Take all poses, or only the slow ones."""
@@ -111,7 +111,7 @@ class Commander:
         self._plan, self._turn = threading.RLock(), threading.Lock()
         self._mission: list[PlanItem] = []
         self._next, self._is_complete = 0, False
-        self._pilot = Pilot(services.goto, services.hold, self._on_reached, self._on_end)
+        self._pilot = Pilot(services.fly, services.hold, self._on_reached, self._on_end)
         self._prepared: tuple[int, Callable[[], None]] | None = None
         self._target: Target | None = None
         self._ignored = ""
@@ -252,11 +252,8 @@ class Commander:
         if target.place is None:
             self._services.hold()
             return
-        reply = self._services.goto(
-            GotoRequest(target.place.x, target.place.y, target.place.z, replace=True)
-        )
-        if not reply.accepted:
-            raise Refused(reply.reason)
+        place = target.place
+        self._services.fly(GotoRequest(place.x, place.y, place.z, replace=True))
 
     @property
     def _lack(self) -> str:

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Sequence
 
 from quadctl.schemas.messages import PAUSED, Pose, Position, SafetyState
-from quadctl.schemas.services import GotoRequest, GotoResponse
-from quadctl.services.mavlink.plan import MissionStep
+from quadctl.schemas.services import GotoRequest
+from quadctl.services.bridges.mavlink.plan import MissionStep
 from quadctl.services.runtime.errors import QuadctlError, Refused
 
 _SLOW, _GROUND = 0.05, 0.05
@@ -38,7 +38,7 @@ class Pilot:
 
     def __init__(
         self,
-        request: Callable[[GotoRequest], GotoResponse],
+        request: Callable[[GotoRequest], None],
         hold: Callable[[], None],
         on_reached: Callable[[Errand, int], None],
         on_end: Callable[[Errand, QuadctlError | None], None],
@@ -99,9 +99,7 @@ class Pilot:
             place.z if step.z is None else step.z,
         )
         self._before = self._state.request if self._state else -1
-        reply = self._request(GotoRequest(goal.x, goal.y, goal.z, replace=True))
-        if not reply.accepted:
-            raise Refused(reply.reason)
+        self._request(GotoRequest(goal.x, goal.y, goal.z, replace=True))
         return goal
 
     def _fly(self, errand: Errand, goal: Position | None) -> None:

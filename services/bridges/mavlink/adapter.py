@@ -29,10 +29,16 @@ from quadctl.schemas.messages import (
 )
 from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.zones import FARTHEST, ZoneParams
-from quadctl.services.mavlink.plan import PlanItem, items_of
-from quadctl.services.mavlink.telemetry import NO_PLACE, NO_VELOCITY, OFFBOARD, attitude, turned
-from quadctl.services.mavlink.transfers import Peer, PlanKind
-from quadctl.services.mavlink.upload import PlanUpload
+from quadctl.services.bridges.mavlink.plan import PlanItem, items_of
+from quadctl.services.bridges.mavlink.telemetry import (
+    NO_PLACE,
+    NO_VELOCITY,
+    OFFBOARD,
+    attitude,
+    turned,
+)
+from quadctl.services.bridges.mavlink.transfers import Peer, PlanKind
+from quadctl.services.bridges.mavlink.upload import PlanUpload
 from quadctl.services.runtime.goal_latch import GoalLatch
 
 POSE_HZ = 50.0

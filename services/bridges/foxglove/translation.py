@@ -1,62 +1,35 @@
 """Goals, parameters and messages as Foxglove has them. Pure."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 
-from quadctl.schemas.earth import WORLD
 from quadctl.schemas.services import GotoRequest
+from quadctl.services.bridges.world import goal_of
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 
 _GOAL_HINT = 'publish {"x": 1, "y": 2, "z": 1.5}, m, or a PoseStamped or PointStamped of ROS'
-_WORLD_BEFORE = "world"
-"""Name of that frame until 2026, in layouts that users have saved."""
-_FLOATS = (float, int)
 _BAD = (msgspec.MsgspecError, TypeError, ValueError, OverflowError, RecursionError)
 
 
-def goal_of(data: bytes, height: float | None) -> GotoRequest:
-    """Return the request to fly to a published goal, in place of the present one; raise Invalid.
-
-    Tools of viewers point at the ground: a goal of ROS of height 0 means `height` (m), if that is
-    known yet.
-    """
+def request_of(data: bytes, height: float | None) -> GotoRequest:
+    """Return the request to fly to a published goal; raise Invalid. See goal_of for `height`."""
     try:
         plain = msgspec.json.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise Invalid(f"the goal is not JSON: {error}", _GOAL_HINT) from error
-    place, of_ros = plain, False
-    frame = _frame_of(plain)
-    if frame not in {"", WORLD, _WORLD_BEFORE}:
-        raise Invalid(f"the goal is in the frame {frame}", f"use {WORLD}")
+    place, grounded = plain, False
     for name in ("pose", "position", "point"):
         if isinstance(place, dict) and name in place:
-            place, of_ros = place[name], True
+            place, grounded = place[name], True
     if not isinstance(place, dict):
         raise Invalid("the goal is not a point", _GOAL_HINT)
-    if not all(_is_finite(place.get(axis)) for axis in "xyz"):
-        raise Invalid("the goal needs x, y and z, three finite numbers", _GOAL_HINT)
-    x, y, z = (float(place[axis]) for axis in "xyz")
-    if of_ros and not z:
-        if height is None:
-            raise Invalid(
-                "a goal on the ground, and the present height is not known yet", "try again"
-            )
-        z = height
-    return GotoRequest(x, y, z, replace=True)
-
-
-def _frame_of(plain: Any) -> Any:
-    """Return the frame that a message of ROS names, else an empty text."""
-    header = plain.get("header") if isinstance(plain, dict) else None
-    return header.get("frame_id", "") if isinstance(header, dict) else ""
-
-
-def _is_finite(number: Any) -> bool:
-    return isinstance(number, _FLOATS) and not isinstance(number, bool) and math.isfinite(number)
+    header = plain.get("header")
+    frame = header.get("frame_id", "") if isinstance(header, dict) else ""
+    axes = place.get("x"), place.get("y"), place.get("z")
+    return goal_of(str(frame), axes, height, grounded=grounded)
 
 
 def readable(payload: bytes, encoding: str) -> bytes:

@@ -14,7 +14,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from quadctl.services.runtime.security.bridge_access import PeerAddress
+from quadctl.services.bridges.options import PeerAddress
 
 Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 _MOST_BYTES = 65_536

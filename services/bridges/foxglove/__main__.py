@@ -1,17 +1,9 @@
 """Process of the bridge to Foxglove and Lichtblick: one WebSocket server for all its vehicles.
 
-python -P -m quadctl.services.foxglove [--port 8765] [--host 127.0.0.1] [--cert FILE --key FILE]
-    [--origin URL ..]
-
-It holds no safety logic: a goal, a call or a parameter goes the way of our own services, and is
-refused by them. Clients may act only with the token in QUADCTL_FOXGLOVE_TOKEN.
+Clients may act only with the token in QUADCTL_FOXGLOVE_TOKEN.
 """
 
-import argparse
 import contextlib
-import os
-import ssl
-import sys
 import time
 from collections.abc import Collection, Iterable
 from functools import partial
@@ -22,28 +14,21 @@ from msgspec import UNSET, Struct
 
 from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import (
-    GOTO,
-    SERVICES,
-    STATE,
-    TOPICS,
-    Service,
-    topic_of,
-)
+from quadctl.schemas.topics import SERVICES, STATE, TOPICS, Service, topic_of
 from quadctl.schemas.typeinfo import json_schema
-from quadctl.services.foxglove.protocol import FoxgloveParameter, Graph, Offered, Schema
-from quadctl.services.foxglove.server import FoxgloveServer, Message
-from quadctl.services.foxglove.translation import (
+from quadctl.services.bridges.base import AGE, BridgedVehicle, run_bridge
+from quadctl.services.bridges.foxglove.protocol import FoxgloveParameter, Graph, Offered, Schema
+from quadctl.services.bridges.foxglove.server import FoxgloveServer, Message
+from quadctl.services.bridges.foxglove.translation import (
     by_node,
-    goal_of,
     readable,
+    request_of,
     to_ours,
 )
+from quadctl.services.bridges.options import FoxgloveOptions
 from quadctl.services.runtime.bus.raw import RawMessage
-from quadctl.services.runtime.entry import start
-from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
+from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.params.remote import RemoteParams
 from quadctl.services.runtime.recording.mcap_format import JSON, Form
 from quadctl.services.runtime.recording.scene import (
     FRAMES_KEY,
@@ -54,69 +39,29 @@ from quadctl.services.runtime.recording.scene import (
     FrameTransform,
     SceneUpdate,
 )
-from quadctl.services.runtime.security.bridge_access import check_listener
 from quadctl.services.runtime.security.endpoints import url_host
 
-NAME = "foxglove"
-VARIABLE = "QUADCTL_FOXGLOVE_TOKEN"
 GOALS = "/goto"
 """Topic of published goals; of several vehicles each has its own, e.g. `/uav1/goto`."""
-_TIMEOUT = 3.0
-"""Seconds that a call to one of our services may take."""
-_AGE = 1.0
-"""Seconds for which parameters need not be read again, unless they are set."""
 _MOST_TOPICS = 2000
 """Topics of a vehicle that are shown."""
 _FREE = '{"type": "object", "properties": {}}'
 """Schema of a user's own JSON; viewers need one."""
 
 
-def main() -> None:
-    """Parse the options that only the bridge has, then run its node."""
-    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--port", type=int, default=8765)
-    parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("--cert", default="")
-    parser.add_argument("--key", default="")
-    parser.add_argument("--origin", action="append", default=[])
-    options, sys.argv[1:] = parser.parse_known_args()
-    start(NAME, partial(run, FoxgloveBridge(options)), keeps_time=True)
-
-
-def run(bridge: "FoxgloveBridge", node: Node, _params: Params) -> None:
-    """Bridge one vehicle until stopped."""
-    if node.is_first:
-        bridge.open(node)
-    bridge.add(ShownVehicle(bridge, node))
-    node.spin()
-
-
 class FoxgloveBridge:
     """Vehicles behind the server, and the channels that they share."""
 
-    def __init__(self, options: argparse.Namespace) -> None:
+    def __init__(self, options: FoxgloveOptions) -> None:
         self._options = options
         self._vehicles: dict[str, ShownVehicle] = {}
 
     def open(self, node: Node) -> None:
-        """Listen; raise Invalid for a bad certificate, QuadctlError if another process has the port."""
-        given, tls = self._options, None
-        check_listener(given.host, encrypted=bool(given.cert))
-        if given.cert:
-            tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-            try:
-                tls.load_cert_chain(given.cert, given.key or None)
-            except OSError as error:  # SSLError, too
-                raise Invalid(f"--cert {given.cert}: {error.strerror or error}") from error
-        token = os.environ.get(VARIABLE, "")
-        self.server = FoxgloveServer(self, node.log, token=token, origins=given.origin)
-        try:
-            self.server.open(given.host, given.port, tls)
-        except (OSError, OverflowError) as error:
-            raise QuadctlError(
-                f"port {given.port} cannot be opened: {getattr(error, 'strerror', error)}",
-                "end the program that has it, or choose another by --port",
-            ) from error
+        """Listen; raise the error of a wrong option."""
+        given = self._options
+        token, tls, listening = given.token, given.tls, given.bound()
+        self.server = FoxgloveServer(self, node.log, token=token, origins=given.origins)
+        self.server.open(listening, tls)
         may = "may act, with the token" if token else "may only watch"
         scheme = "wss" if tls else "ws"
         host = url_host(given.host)
@@ -127,12 +72,12 @@ class FoxgloveBridge:
 
     def _whole_scene(self) -> Iterable[tuple[bytes, int]]:
         for vehicle in tuple(self._vehicles.values()):
-            if derived := vehicle.drawing.whole(at := time.time_ns()):
-                yield _json(derived.message), at
+            if scene := vehicle.drawing.whole(at := time.time_ns()):
+                yield _json(scene), at
 
-    def add(self, vehicle: "ShownVehicle") -> None:
+    def add(self, node: Node, _params: Params) -> None:
         """Offer the topics and services of a vehicle."""
-        self._vehicles[vehicle.name] = vehicle
+        vehicle = self._vehicles[node.vehicle] = ShownVehicle(self, node)
         self.server.offer(partial(_offered, vehicle.name, each) for each in SERVICES)
         vehicle.listen()
 
@@ -153,7 +98,8 @@ class FoxgloveBridge:
 
     def fly(self, topic: str, data: bytes) -> None:
         """Fly to a published goal."""
-        self._flown_by(topic).fly(data)
+        vehicle = self._flown_by(topic)
+        vehicle.fly(request_of(data, vehicle.height))
 
     def _flown_by(self, topic: str) -> "ShownVehicle":
         vehicles = {f"/{name}{GOALS}": vehicle for name, vehicle in self._vehicles.items()}
@@ -168,7 +114,7 @@ class FoxgloveBridge:
         found = {
             f"{vehicle.name}.{name}": value
             for vehicle in tuple(self._vehicles.values())
-            for name, value in vehicle.parameters.read(_AGE).items()
+            for name, value in vehicle.parameters.read(AGE).items()
         }
         wanted = dict.fromkeys(names) or found
         return [FoxgloveParameter.of(name, found[name]) for name in wanted if name in found]
@@ -199,17 +145,15 @@ class FoxgloveBridge:
         return Graph.of(endpoints)
 
 
-class ShownVehicle:
+class ShownVehicle(BridgedVehicle):
     """Vehicle as the server shows it; its messages are handled on Zenoh's one thread."""
 
     def __init__(self, bridge: FoxgloveBridge, node: Node) -> None:
-        self.name, self.drawing = node.vehicle, Drawing(node.vehicle)
-        self.endpoints = node.endpoints
-        self._bridge, self._node = bridge, node
-        self.parameters = RemoteParams(self.call, node.endpoints)
+        super().__init__(node)
+        self.drawing, self.endpoints = Drawing(node.vehicle), node.endpoints
+        self._bridge = bridge
         self._routes: dict[tuple[str, str], Route] = {}
         self._channels: dict[tuple[str, type[Struct] | None], ShownTopic] = {}
-        self._height: float | None = None
         self._state = STATE.key(node.vehicle)
         for topic in TOPICS:  # before their first messages
             self._channel(topic.key(self.name), topic.type)
@@ -217,14 +161,10 @@ class ShownVehicle:
     def listen(self) -> None:
         """Subscribe to all topics and calls of the vehicle."""
         keys = (f"{self.name}/**", f"{self.name}/@call/**")
-        self._listener = listener = self._node.listen_raw(keys, self._show)
+        self._listener = listener = self.node.listen_raw(keys, self._show)
         for topic in TOPICS:
             if topic.latched:
                 listener.request_latched(topic.key(self.name))
-
-    def call(self, service: Service[Any, Any], request: Struct) -> Any:
-        """Call a service of the vehicle; it blocks."""
-        return self._node.client(service).call(request, _TIMEOUT)
 
     def set_parameters(self, changes: dict[str, Any]) -> None:
         """Set parameters of one node, all or none; raise QuadctlError if they are refused."""
@@ -232,12 +172,6 @@ class ShownVehicle:
         self.parameters.set(
             {name: to_ours(each, present.get(name)) for name, each in changes.items()}
         )
-
-    def fly(self, data: bytes) -> None:
-        """Request a published goal from safety; raise Refused with its reason."""
-        reply = self.call(GOTO, goal_of(data, self._height))
-        if not reply.accepted:
-            raise Refused(f"safety refused the goal: {reply.reason}")
 
     def _channel(self, key: str, type_: type[Struct] | None) -> "ShownTopic":
         """Return the channel of a key's messages of one type, None for a user's own."""
@@ -266,7 +200,7 @@ class ShownVehicle:
         if route.latched:
             route.topic.last = data, message.at
         if isinstance(stored.message, SafetyState) and message.key == self._state:
-            self._height = stored.message.goal.z
+            self.see(stored.message)
             self._bridge.server.refresh("graph")
         elif route.sets_parameters:
             self.parameters.forget()
@@ -327,4 +261,4 @@ def _offered(vehicle: str, service: Service[Any, Any], number: int) -> Offered:
 
 
 if __name__ == "__main__":
-    main()
+    run_bridge("foxglove", FoxgloveOptions, FoxgloveBridge)

@@ -1,12 +1,13 @@
 """WebSocket server of the protocol of Foxglove.
 
-One thread serves all clients by asyncio. What blocks is executed on a few more, for each client one
-request after the other.
+One thread serves all clients by asyncio. What blocks is executed on the threads of each client's
+RequestQueue.
 """
 
 import asyncio
 import logging
 import secrets
+import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Collection, Iterable
@@ -20,7 +21,7 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from quadctl.services.foxglove.client import (
+from quadctl.services.bridges.foxglove.client import (
     Backend,
     Channel,
     FoxgloveClient,
@@ -28,7 +29,7 @@ from quadctl.services.foxglove.client import (
     Shared,
     token_of,
 )
-from quadctl.services.foxglove.protocol import (
+from quadctl.services.bridges.foxglove.protocol import (
     JSON,
     JSON_SCHEMA,
     SUBPROTOCOLS,
@@ -79,12 +80,12 @@ class FoxgloveServer:
         self._outbox: deque[Message] = deque(maxlen=_MOST_WAITING)
         self._flushing = False
 
-    def open(self, host: str, port: int, tls: SSLContext | None) -> None:
-        """Listen from now on; raise OSError for a port that cannot be had."""
-        bound: Future[None] = Future()
-        work = partial(self._run, host, port, tls, bound)
+    def open(self, listening: socket.socket, tls: SSLContext | None) -> None:
+        """Serve at a socket from now on."""
+        serves: Future[None] = Future()
+        work = partial(self._run, listening, tls, serves)
         threading.Thread(target=lambda: asyncio.run(work()), name="foxglove", daemon=True).start()
-        bound.result()
+        serves.result()
 
     def channel(
         self, topic: str, name: str, schema: str, latest: Callable[[], Iterable[tuple[bytes, int]]]
@@ -112,17 +113,14 @@ class FoxgloveServer:
         """Read the `graph` or the `parameters` anew, if a client has subscribed; from any thread."""
         self._loop.call_soon_threadsafe(self._shared.mark_stale, what)
 
-    async def _run(
-        self, host: str, port: int, tls: SSLContext | None, bound: "Future[None]"
-    ) -> None:
-        self._loop = asyncio.get_running_loop()
+    async def _run(self, at: socket.socket, tls: SSLContext | None, serves: "Future[None]") -> None:
+        self._loop = self._shared.loop = asyncio.get_running_loop()
         quiet = logging.getLogger("websockets.server")
         quiet.setLevel(logging.CRITICAL)  # it logs each client that comes, goes, or sends garbage
         try:
             listening = await serve(
                 self._serve,
-                host,
-                port,
+                sock=at,
                 ssl=tls,
                 subprotocols=[*map(Subprotocol, SUBPROTOCOLS)],
                 process_request=self._why_not,
@@ -132,10 +130,10 @@ class FoxgloveServer:
                 logger=quiet,
             )
         except Exception as error:  # noqa: BLE001 - raised where the server is opened
-            bound.set_exception(error)
+            serves.set_exception(error)
             return
         async with listening:
-            bound.set_result(None)
+            serves.set_result(None)
             while True:
                 await self._shared.asked.wait()
                 self._shared.asked.clear()
@@ -199,10 +197,10 @@ class FoxgloveServer:
         shared = self._shared
         stale, shared.stale = shared.stale, set()
         if "graph" in stale and any(client.graph is not None for client in self._clients):
-            graph = await shared.in_pool(shared.backend.graph, reads=True)
+            graph = await asyncio.to_thread(shared.tried, shared.backend.graph)
             for client in self._clients:
                 client.show_graph(graph)
         if "parameters" in stale and any(client.watched for client in self._clients):
-            values = await shared.in_pool(shared.backend.parameters, (), reads=True)
+            values = await asyncio.to_thread(shared.tried, shared.backend.parameters, ())
             for client in self._clients:
                 client.show_parameters(values)

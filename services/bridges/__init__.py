@@ -1,0 +1,1 @@
+"""Bridges to other networks: their common part, and a package for each."""

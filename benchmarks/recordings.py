@@ -21,7 +21,7 @@ from quadctl.schemas.messages import CageSize, Pose, Position, Pressure, SafetyS
 from quadctl.schemas.topics import POSE, POSE_SLOW, PRESSURE, SETPOINT, STATE, Topic
 from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.bus.streams import RawMessage
 
 _HOUR = 3600
 _POSES_PER_SECOND, _POSES_PER_FLUSH = 100, 25

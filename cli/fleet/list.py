@@ -12,7 +12,7 @@ from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.topics import POSE, STATE
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.streams import Message, RawSubscriber
+from quadctl.services.runtime.bus.streams import QueuedSubscriber, RawMessage
 from quadctl.services.runtime.errors import QuadctlError
 
 
@@ -20,8 +20,8 @@ class _Subscribed(Struct, frozen=True):
     """State of a vehicle, and the subscription to its poses, which goes on."""
 
     state: SafetyState
-    poses: RawSubscriber
-    first: Message | None
+    poses: QueuedSubscriber
+    first: RawMessage | None
     problem: QuadctlError | None
 
 
@@ -78,7 +78,7 @@ def _view(subscribed: _Subscribed) -> _View:
         pose = codec.decode(Pose, message.payload, message.encoding)
     except QuadctlError as problem:
         return _View(subscribed.state, problem=problem)
-    age = time.monotonic() - message.received + (message.age or 0.0)
+    age = time.time() - (message.published or message.at) / 1e9
     return _View(subscribed.state, pose, age)
 
 

@@ -16,7 +16,7 @@ from quadctl.schemas.topics import TOPICS, topic_of
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.codec import to_jsonable, unreadable
-from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.errors import Invalid, UsageError
 
 
@@ -35,7 +35,7 @@ class NoField(Invalid):
     """Field that a message does not have."""
 
 
-def shown(message: Message, key: str, vehicle: str) -> Any:
+def shown(message: RawMessage, key: str, vehicle: str) -> Any:
     """Return a message of a declared topic checked against its type, any other as it can be read.
 
     `key` is the key subscribed to; unless it is an expression, it determines the topic. Under a
@@ -145,7 +145,7 @@ class _Echo:
         if sys.platform != "win32":
             signal.signal(signal.SIGCONT, self._on_continue)
 
-    def next(self) -> tuple[Message, Any]:
+    def next(self) -> tuple[RawMessage, Any]:
         """Return the next message and its value to show; raise Client.silent's error."""
         deadline = time.monotonic() + self._client.timeout
         unread: Invalid | None = None

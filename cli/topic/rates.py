@@ -11,7 +11,7 @@ from quadctl.cli import context, output
 from quadctl.cli.context import Options, about_topic
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key, live_key
-from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.errors import Invalid
 
 
@@ -167,8 +167,8 @@ def _measure(
         show()
 
 
-def _arrival(message: Message, *, aged: bool) -> Arrival:
+def _arrival(message: RawMessage, *, aged: bool) -> Arrival:
     if aged and message.age is None:
         hint = "enable timestamping in the session of its publisher"
         raise Invalid(f"a message on {message.key} has no time stamp, so its age is unknown", hint)
-    return Arrival(message.received, len(message.payload), message.age or 0.0)
+    return Arrival(message.at / 1e9, len(message.payload), message.age or 0.0)

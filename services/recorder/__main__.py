@@ -22,7 +22,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.topics import TOPICS
 from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime.bus import session
-from quadctl.services.runtime.bus.raw import RecorderSubscriber
+from quadctl.services.runtime.bus.streams import RecorderSubscriber
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 from quadctl.services.runtime.node import Node
@@ -171,7 +171,8 @@ def _write(recording: Recording, tap: RecorderSubscriber) -> None:
     """Write the messages that wait now, not later ones: the loop has other work, too."""
     left = tap.waiting
     while left > 0:
-        recording.take(tap.take(min(left, _AT_ONCE)))
+        found = (tap.next(0) for _ in range(min(left, _AT_ONCE)))
+        recording.take([message for message in found if message is not None])
         left -= _AT_ONCE
         if left > 0:
             time.sleep(_PAUSE)

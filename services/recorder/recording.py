@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.files import making
 from quadctl.services.runtime.recording.scene import Drawing

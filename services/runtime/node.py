@@ -20,7 +20,7 @@ from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
 from quadctl.services.runtime.bus.calls import ServiceClient
 from quadctl.services.runtime.bus.client import latest
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
-from quadctl.services.runtime.bus.raw import RawListener, RawMessage, RecorderSubscriber
+from quadctl.services.runtime.bus.streams import RawMessage, RawSubscriber, RecorderSubscriber
 from quadctl.services.runtime.errors import AlreadyServed, Refused
 from quadctl.services.runtime.executor import Executor
 from quadctl.services.runtime.server import MOST, CallLog, Schedule, Server
@@ -184,9 +184,9 @@ class Node:
 
     def listen_raw(
         self, keys: tuple[str, ...], handler: Callable[[RawMessage], None]
-    ) -> RawListener:
-        """Subscribe to keys or key expressions, undecoded; see RawListener for the handler."""
-        return RawListener(self._session, keys, handler)
+    ) -> RawSubscriber:
+        """Subscribe to keys or key expressions, undecoded; see RawSubscriber for the handler."""
+        return RawSubscriber(self._session, keys, handler)
 
     def endpoints(self) -> list[keyexpr.EndpointInfo]:
         """Return what the vehicle's nodes publish, serve and subscribe to; it blocks."""

@@ -4,7 +4,7 @@ import tempfile
 from pathlib import Path
 
 from quadctl.schemas.topics import POSE
-from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 from tests.support.lab import Lab, private_lab

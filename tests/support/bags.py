@@ -17,7 +17,7 @@ from quadctl.schemas.messages import (
     Velocity,
 )
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 
 SECOND = 1_000_000_000

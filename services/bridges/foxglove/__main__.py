@@ -26,7 +26,7 @@ from quadctl.services.bridges.foxglove.translation import (
     to_ours,
 )
 from quadctl.services.bridges.options import FoxgloveOptions
-from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.recording.mcap_format import JSON, Form

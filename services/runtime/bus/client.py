@@ -25,8 +25,8 @@ from quadctl.services.runtime.typed import argument, positive_time, require
 
 if TYPE_CHECKING:
     from quadctl.schemas.roles import Right
-    from quadctl.services.runtime.bus.raw import ReplayPublisher
-    from quadctl.services.runtime.bus.streams import RawSubscriber, TypedSubscriber
+    from quadctl.services.runtime.bus.replay import ReplayPublisher
+    from quadctl.services.runtime.bus.streams import QueuedSubscriber, TypedSubscriber
 
 T = TypeVar("T")
 
@@ -336,20 +336,20 @@ class Client:
         return TypedSubscriber(self.listen(*types, backlog=backlog, held=held), types)
 
     @_guarded
-    def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "RawSubscriber":
+    def listen(self, *keys: str, backlog: int = _BACKLOG, held: bool = False) -> "QueuedSubscriber":
         """Subscribe to keys or key expressions; up to `backlog` messages wait for their reader.
 
         With `held`, the last message of each latched topic comes before its others.
         """
-        from quadctl.services.runtime.bus.streams import RawSubscriber
+        from quadctl.services.runtime.bus.streams import QueuedSubscriber
 
         for key in keys:
             argument("a key", key, str, "a text")
         self.permit("listen", *keys)
-        stream = RawSubscriber(self.session, keys, backlog)
+        stream = QueuedSubscriber(self.session, keys, backlog)
         for key in keys if held else ():
             if (topic := topic_of(key)) is not None and topic.latched:
-                stream.request_latched(self.session, key, self.timeout)
+                stream.request_latched(key)
         return stream
 
     def silent(
@@ -402,13 +402,13 @@ class Client:
     @_guarded
     def stage(self, keys: dict[str, str]) -> "ReplayPublisher":
         """Return a publisher that replays keys, each with its encoding; raise AlreadyServed."""
-        from quadctl.services.runtime.bus import raw
+        from quadctl.services.runtime.bus import replay
 
         self.session  # noqa: B018 - raises if it is closed
         self.permit("publish", *keys)
         self._hub.watch()
-        self._own.add(raw.NAME)
-        return raw.ReplayPublisher(self.session, keys)
+        self._own.add(replay.NAME)
+        return replay.ReplayPublisher(self.session, keys)
 
     @_guarded
     def flush(self, timeout: float | None = None) -> None:

@@ -14,7 +14,7 @@ from mcap.writer import Writer
 from msgspec import Struct
 
 from quadctl.schemas.typeinfo import json_schema
-from quadctl.services.runtime.bus.raw import RawMessage
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.filelock import lock_open
 from quadctl.services.runtime.recording.mcap_format import JSON, Form, Stored
 
@@ -154,7 +154,7 @@ class BagWriter:
         channel = self._channels.get(kind)
         if channel is None:
             channel = self._channels[kind] = self._bus_channel(key, encoding, stored)
-        self._mcap.add_message(channel, raw.at, stored.data, raw.published)
+        self._mcap.add_message(channel, raw.at, stored.data, raw.published or raw.at)
         self.messages += 1
         return stored
 

@@ -8,19 +8,19 @@ import pytest
 from quadctl.cli.topic.echo import NoField, field_of, shown, split
 from quadctl.schemas.messages import Waypoint
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.errors import Invalid
 
 POINT = Waypoint(1.0, 2.0, 3.0)
 PACKED = codec.encode(POINT)
 
 
-def show(message: Message) -> Any:
+def show(message: RawMessage) -> Any:
     return shown(message, message.key, "uav")
 
 
-def message(key: str, payload: bytes, encoding: str = "") -> Message:
-    return Message(key, payload, encoding, 0.0, None)
+def message(key: str, payload: bytes, encoding: str = "") -> RawMessage:
+    return RawMessage(key, payload, encoding, 0, 0)
 
 
 @pytest.mark.parametrize("key", ["uav/input/position_request", "x/input/position_request", "a/b"])

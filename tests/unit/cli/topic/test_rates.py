@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from quadctl.cli.topic.rates import Arrival, _arrival, bandwidth, delay_figures, rate
-from quadctl.services.runtime.bus.streams import Message
+from quadctl.services.runtime.bus.streams import RawMessage
 from quadctl.services.runtime.errors import Invalid
 
 TIMES = (10.0, 10.1, 10.2, 10.4)
@@ -54,7 +54,7 @@ def test_any_arrival_times_give_finite_figures(times: list[float]):
 
 
 def test_a_message_without_a_time_has_no_delay():
-    message = Message("a/b", b"xyz", "", 1.5, None)
+    message = RawMessage("a/b", b"xyz", "", 1_500_000_000, 0)
     assert _arrival(message, aged=False) == Arrival(1.5, 3, 0.0)
     with pytest.raises(Invalid, match="has no time stamp"):
         _arrival(message, aged=True)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from quadctl.services.runtime.bus import streams
-from quadctl.services.runtime.bus.streams import RawSubscriber
+from quadctl.services.runtime.bus.streams import QueuedSubscriber
 
 
 class Session:
@@ -35,7 +35,7 @@ def test_the_oldest_make_room_for_the_newest(
 ):
     monkeypatch.setattr(streams, "_ROOM", 100)
     session: Any = Session()
-    stream = RawSubscriber(session, ("a",), 4)
+    stream = QueuedSubscriber(session, ("a",), 4)
     for _ in range(2):
         for size in sizes:
             session.publish(sample(size))

@@ -2,7 +2,7 @@
 
 from quadctl.schemas.messages import CageSize, Position, Zone, Zones
 from quadctl.schemas.zones import CircleParams, ZoneParams
-from quadctl.services.runtime.recording.scene import MATCHING_ID, Drawing, Scene, SceneUpdate
+from quadctl.services.runtime.recording.scene import MATCHING_ID, Drawing, Scene
 from tests.support.bags import BEGAN, pose, state
 
 

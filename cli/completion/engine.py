@@ -1,6 +1,5 @@
 """Completions of an unfinished line, live names among them."""
 
-import contextlib
 import os
 import time
 from collections.abc import Iterable, Iterator
@@ -12,11 +11,10 @@ import msgspec
 from quadctl.cli import commands, context, names as known
 from quadctl.cli.context import COMMON, Options, options_of
 from quadctl.cli.declarations import Names, Parameter, takes_signed, words_of
-from quadctl.parameters import nodes_with_params
+from quadctl.parameters import RunningParams
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.params import Params
-from quadctl.schemas.services import GetParamsRequest
-from quadctl.schemas.topics import SERVICES, TOPICS, get_params
+from quadctl.schemas.topics import SERVICES, TOPICS
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 from quadctl.services.runtime.params.names import flatten
@@ -118,12 +116,8 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
     elif kind == "vehicle":
         yield from client.vehicles()
     elif kind == "param":
-        for each in nodes_with_params(client):
-            client.timeout = max(until - time.monotonic(), 0.001)
-            # A node that does not answer must not hide the others' names.
-            with contextlib.suppress(QuadctlError):
-                for name in client.call(get_params(each), GetParamsRequest([])).values:
-                    yield from parameter(name, begun, vehicle)
+        for name in RunningParams(client, until).answered():
+            yield from parameter(name, begun, vehicle)
     elif kind == "service":
         for offer in client.endpoints("@srv"):
             yield from service(offer, begun, vehicle)

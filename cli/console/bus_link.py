@@ -4,23 +4,17 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
-
-import msgspec
+from typing import TypeVar
 
 from quadctl.cli.console.model import TICK, Board
 from quadctl.cli.context import Options
-from quadctl.parameters import nodes_with_params
+from quadctl.parameters import RunningParams
 from quadctl.schemas.messages import Position
-from quadctl.schemas.services import GetParamsRequest
-from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, ZONES, get_params
+from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, ZONES
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
-from quadctl.services.runtime.params import live
-from quadctl.services.runtime.params.names import flatten
+from quadctl.services.runtime.errors import QuadctlError, Unreachable
 from quadctl.services.runtime.realm import Realm
-from quadctl.services.runtime.run_files import UNSERVED
 
 T = TypeVar("T")
 
@@ -61,29 +55,11 @@ class Link:
 
     def read_parameters(self) -> None:
         """Read the parameters of all nodes now; raise if a node does not answer."""
-        client = self.client
-        values: dict[str, Any] = {}
-        problem: QuadctlError | None = None
-        for node in nodes_with_params(client):
-            try:
-                values |= client.call(get_params(node), GetParamsRequest([])).values
-            except QuadctlError as caught:
-                problem = caught
-        values |= self._kept()
+        results = RunningParams(self.client).every()
         with self._lock:
-            self._board.values |= values
-        if problem is not None:
-            raise problem
-
-    def _kept(self) -> dict[str, Any]:
-        """Return the supervisor's own tables, which only the realm's folder holds."""
-        if self.realm is None:
-            return {}
-        try:
-            kept = msgspec.to_builtins(live.read_values(self.realm, self.vehicle) or {})
-        except (FileNotFoundError, Invalid):
-            return {}  # the run is just starting or ending
-        return dict(flatten({name: kept[name] for name in UNSERVED if name in kept}))
+            for values in results.answers.values():
+                self._board.values |= values
+        results.fail()
 
     def _run(self) -> None:
         while True:

@@ -10,7 +10,7 @@ from msgspec import Struct
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
-from quadctl.parameters import RunningParams, Values, tables
+from quadctl.parameters import RunningParams, tables
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.files import read_text, write_new, write_whole
 from quadctl.services.runtime.params import catalogue
@@ -24,6 +24,7 @@ from quadctl.services.runtime.params.load import (
     table_of,
 )
 from quadctl.services.runtime.params.names import flatten, put
+from quadctl.services.runtime.params.remote import Values
 
 DEFAULT_FILE = Path("quad.toml")
 _WRITTEN_ANEW = "`quadctl param dump -o FILE` writes a new one"

@@ -7,7 +7,7 @@ from msgspec import structs
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
-from quadctl.parameters import ALL, Values, leaves_of
+from quadctl.parameters import ALL, leaves_of
 from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.schemas.typeinfo import bounds_text, type_name
 from quadctl.services.runtime.bus.concurrent import Answers
@@ -15,6 +15,7 @@ from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch
 from quadctl.services.runtime.params.names import normal_name
+from quadctl.services.runtime.params.remote import Values
 from quadctl.services.runtime.run_files import UNSERVED
 
 

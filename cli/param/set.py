@@ -6,10 +6,11 @@ from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.cli.values import parameter
-from quadctl.parameters import Values, node_of, tables
+from quadctl.parameters import node_of, tables
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.names import flatten, normal_name
+from quadctl.services.runtime.params.remote import Values
 from quadctl.services.runtime.run_files import UNSERVED
 
 

@@ -4,22 +4,19 @@ import time
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
-from quadctl.schemas.services import GetParamsRequest, SetParamsRequest, SetParamsResponse
-from quadctl.schemas.topics import get_params, set_params
+from msgspec import Struct
+
+from quadctl.schemas.services import SetParamsRequest, SetParamsResponse
+from quadctl.schemas.topics import Service, set_params
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.concurrent import Answers, ask_each
+from quadctl.services.runtime.bus.concurrent import Answers
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
-from quadctl.services.runtime.params import remote
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name
+from quadctl.services.runtime.params.remote import RemoteParams, Values
 from quadctl.services.runtime.process_table import NODES
 from quadctl.services.runtime.run_files import UNSERVED, not_running
 from quadctl.services.runtime.typed import argument, plain
-
-
-def nodes_with_params(client: Client) -> list[str]:
-    """Return the live nodes that have parameters."""
-    return remote.nodes_with_params(client.endpoints())
 
 
 def node_of(name: str, live: list[str]) -> str:
@@ -31,8 +28,6 @@ def node_of(name: str, live: list[str]) -> str:
     raise Invalid(f"there is no parameter {name}: no node {node} is up", hint)
 
 
-Values = dict[str, Any]
-"""Values by dotted name."""
 ALL = ""
 """Normal form of `/`: the parameters of every node."""
 
@@ -53,12 +48,20 @@ class RunningParams:
     def __init__(self, client: Client, deadline: float | None = None) -> None:
         self._client = client
         self._deadline = time.monotonic() + client.timeout if deadline is None else deadline
-        self.in_force: Values = {}
-        """Values in force until the next standstill, for those read so far that wait for it."""
+        self._remote = RemoteParams(self._call, client.endpoints)
+
+    @property
+    def in_force(self) -> Values:
+        """Return the values in force until the next standstill, for those read that wait for it."""
+        return self._remote.in_force
 
     def nodes(self) -> list[str]:
         """Return the live nodes that have parameters."""
-        return nodes_with_params(self._client)
+        return self._remote.nodes()
+
+    def answered(self) -> Values:
+        """Return the values of the nodes that answer."""
+        return self._remote.read()
 
     def get(self, names: Iterable[str]) -> Values:
         """Return values by leaf or by table, in the given order; raise if one is not available."""
@@ -70,7 +73,7 @@ class RunningParams:
         for name in names:
             if name.partition(".")[0] not in UNSERVED:
                 wanted.setdefault(node_of(name, live), []).append(name)
-        found = _all_of(self._ask(wanted))
+        found = _all_of(self._remote.ask(wanted))
         if any(name.partition(".")[0] in UNSERVED for name in names):
             found |= self._kept(UNSERVED)
         return {leaf: found[leaf] for name in names for leaf in leaves_of(found, name)}
@@ -80,7 +83,7 @@ class RunningParams:
         live = self.nodes()
         # Asked last: a node that the hub loses in between is then in both lists, not in neither.
         frozen = [process.name for process in self._client.silent_processes()]
-        results = self._ask({node: [] for node in sorted({*live, *frozen})})
+        results = self._remote.ask({node: [] for node in sorted({*live, *frozen})})
         results.answers[""] = self._kept(UNSERVED)
         return results
 
@@ -91,7 +94,7 @@ class RunningParams:
         are unknown, and so are the supervisor's own tables.
         """
         served = [node for node in self.nodes() if node in wanted and node not in UNSERVED]
-        results = self._ask({node: [] for node in served})
+        results = self._remote.ask({node: [] for node in served})
         results.answers[""] = self._kept([name for name in wanted if name not in served])
         return results
 
@@ -102,7 +105,8 @@ class RunningParams:
 
     def set(self, node: str, values: Values) -> SetParamsResponse:
         """Change a node's parameters: all of them or none."""
-        return self._client.call(set_params(node), SetParamsRequest(values), self._left())
+        reply: SetParamsResponse = self._call(set_params(node), SetParamsRequest(values))
+        return reply
 
     def absent(self, node: str) -> QuadctlError:
         """Return the error for a node that should have parameters and is not live."""
@@ -110,14 +114,8 @@ class RunningParams:
         problem = Unreachable(text, f"is {node} up? `quadctl node list` shows it")
         return self._client.explained(problem, node)
 
-    def _ask(self, wanted: dict[str, list[str]]) -> Answers[Values]:
-        def ask(node: str) -> Values:
-            request = GetParamsRequest(wanted[node])
-            reply = self._client.call(get_params(node), request, self._left())
-            self.in_force |= reply.in_force
-            return reply.values
-
-        return ask_each(wanted, ask)
+    def _call(self, service: Service[Any, Any], request: Struct) -> Any:
+        return self._client.call(service, request, self._left())
 
     def _kept(self, wanted: Collection[str]) -> Values:
         """Return the values of tables from the realm's folder; none if it has none."""

@@ -25,7 +25,8 @@ def served(lab: Lab, *words: str) -> Iterator[Console]:
     printed = eventually(lambda: _printed(process))
     try:
         yield Console(process, printed["url"], printed["watch"])
-    except BaseException:
+    except BaseException as failure:
+        failure.add_note(f"the console, ended: {process.ended}, printed {process.log}")
         process.end()
         raise
     if not process.ended:

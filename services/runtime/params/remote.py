@@ -1,9 +1,9 @@
-"""Parameters of a vehicle's nodes, read and set by a bridge to another network."""
+"""Client of the parameters of a vehicle's nodes, for commands, programs and bridges."""
 
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import inf
 from typing import Any
 
@@ -12,14 +12,12 @@ from msgspec import Struct
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
 from quadctl.schemas.topics import Service, get_params, set_params
+from quadctl.services.runtime.bus.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
 
 _NODES = ("dynamics", "pressure", "safety")
-
-
-def nodes_with_params(offers: Iterable[EndpointInfo]) -> list[str]:
-    """Return the nodes that have parameters, among those that offer something."""
-    return sorted({offer.node for offer in offers if offer.type == "GetParams"})
+Values = dict[str, Any]
+"""Values by dotted name."""
 
 
 class RemoteParams:
@@ -34,23 +32,39 @@ class RemoteParams:
         endpoints: Callable[[], Iterable[EndpointInfo]],
     ) -> None:
         self._call, self._endpoints = call, endpoints
-        self._last: dict[str, Any] = {}
+        self.in_force: Values = {}
+        """Values in force until the next standstill, for those read so far that wait for it."""
+        self._last: Values = {}
         self._read_at, self._forgotten = -inf, 0
         self._lock = threading.Lock()
 
-    def read(self, age: float = 0.0) -> dict[str, Any]:
+    def nodes(self) -> list[str]:
+        """Return the live nodes that have parameters."""
+        return sorted({offer.node for offer in self._endpoints() if offer.type == "GetParams"})
+
+    def ask(self, wanted: Mapping[str, Sequence[str]]) -> Answers[Values]:
+        """Return the answer of each node, with the values that are wanted of it, all without a name."""
+
+        def ask(node: str) -> Values:
+            reply = self._call(get_params(node), GetParamsRequest([*wanted[node]]))
+            self.in_force |= reply.in_force
+            values: Values = reply.values
+            return values
+
+        return ask_each(wanted, ask)
+
+    def read(self, age: float = 0.0) -> Values:
         """Return the parameters of the nodes that answer, by dotted name.
 
         Those read within the last `age` s are not read again: programs ask for them by the hundred.
         """
         if time.monotonic() - self._read_at < age:
             return self._last
-        values: dict[str, Any] = {}
+        values: Values = {}
         began, forgotten = time.monotonic(), self._forgotten
-        for node in self._nodes():
-            # A node that is down has no parameters now; the others' stay within reach.
-            with contextlib.suppress(QuadctlError):
-                values |= self._call(get_params(node), GetParamsRequest([])).values
+        # A node that is down has no parameters now; the others' stay within reach.
+        for answer in self.ask({node: [] for node in self._nodes()}).answers.values():
+            values |= answer
         with self._lock:
             # One that was set meanwhile may be among them with its value of before.
             self._last, self._read_at = values, began if forgotten == self._forgotten else -inf
@@ -59,8 +73,7 @@ class RemoteParams:
     def _nodes(self) -> list[str]:
         """Return the live nodes with parameters, the lab's first: their names go before others'."""
         with contextlib.suppress(QuadctlError):
-            live = nodes_with_params(self._endpoints())
-            return sorted(live, key=lambda node: node not in _NODES)
+            return sorted(self.nodes(), key=lambda node: node not in _NODES)
         return []
 
     def forget(self) -> None:

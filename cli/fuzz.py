@@ -17,6 +17,7 @@ from quadctl.cli.node.lookup import run_of
 from quadctl.cli.progress import Progress
 from quadctl.schemas.services import GetParamsRequest
 from quadctl.schemas.topics import SERVICES, STATE, TOPICS, get_params, set_params
+from quadctl.schemas.typeinfo import described
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError
@@ -48,7 +49,7 @@ def refused(
 ) -> Iterator[HostilePayload]:
     """Yield payloads without end that no reader of the type may accept; `called`: of a service."""
     ways = _WAYS if called else _WAYS[:-1]
-    example = msgspec.to_builtins(_example(inspect.type_info(type_)))
+    example = msgspec.to_builtins(_example(described(type_)))
     while True:
         payload = draw.choice(ways)(type_, example, draw)
         if not _is_valid(type_, payload):

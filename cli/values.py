@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
+from quadctl.schemas.typed import converted
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.nesting import TOO_DEEP, is_too_deep
 from quadctl.services.runtime.params.names import put, value_of
@@ -24,7 +25,7 @@ _DEEPEST = 50
 def message_of(type_: type[M], name: str, words: list[str]) -> M:
     """Read the words as a message of a type, `name` to `quadctl type show`; raise Invalid."""
     try:
-        return msgspec.convert(_table(type_, name, without_type(words, type_.__name__)), type_)
+        return converted(_table(type_, name, without_type(words, type_.__name__)), type_)
     except msgspec.ValidationError as error:
         hint = f"`quadctl type show {name}` prints the fields"
         raise Invalid(f"not a valid {type_.__name__}: {error}", hint) from error

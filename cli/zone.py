@@ -3,13 +3,14 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-from msgspec import ValidationError, convert, to_builtins
+from msgspec import ValidationError, to_builtins
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg
 from quadctl.parameters import RunningParams
 from quadctl.schemas.topics import ZONES
+from quadctl.schemas.typed import converted
 from quadctl.schemas.zones import FARTHEST, ZoneParams
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.load import read
@@ -69,7 +70,7 @@ def zones_of(file: Path) -> list[dict[str, Any]]:
     if not found:
         raise Invalid(f"{file} has no [[safety.zones]]", _EXAMPLE)
     try:
-        zones = convert(found, list[ZoneParams])
+        zones = converted(found, list[ZoneParams])
     except ValidationError as error:
         raise Invalid(f"{file}: {error}", _EXAMPLE) from error
     return [to_builtins(zone) for zone in zones]

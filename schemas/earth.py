@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from math import cos, radians, sin, sqrt
 from typing import Annotated
 
-from msgspec import Meta, Struct, ValidationError, convert
+from msgspec import Meta, Struct, ValidationError
+
+from quadctl.schemas.typed import converted
 
 WORLD = "map"
 """Name of our world's frame, for all tools, after ROS's convention (REP 105)."""
@@ -59,7 +61,7 @@ def origin_of(numbers: Sequence[float]) -> Origin:
     given = dict(zip(Origin.__struct_fields__[: len(numbers)], numbers, strict=True))
     for name, number in given.items():
         try:
-            convert({name: number}, Origin)
+            converted({name: number}, Origin)
         except ValidationError as error:
             raise ValueError(f"{name} {number:g}") from error
     return Origin(**given)

@@ -8,6 +8,8 @@ from typing import Any
 import msgspec
 from msgspec import Struct, inspect
 
+from quadctl.schemas.typed import BUILDING
+
 
 def json_schema(type_: type[Struct]) -> dict[str, Any]:
     """Return the schema of a type's JSON, with all nested types written out in place.
@@ -15,7 +17,10 @@ def json_schema(type_: type[Struct]) -> dict[str, Any]:
     Viewers do not follow references, need a `type` beside an `enum`, and need `properties` for
     every object, even for a free table.
     """
-    (schema,), types = msgspec.json.schema_components([type_], ref_template="{name}")
+    with BUILDING:
+        (schema,), types = msgspec.json.schema_components(  # noqa: TID251
+            [type_], ref_template="{name}"
+        )
     whole: dict[str, Any] = _written_out(schema, types)
     return whole
 
@@ -40,16 +45,22 @@ def _written_out(part: dict[str, Any], types: dict[str, Any]) -> dict[str, Any]:
     return whole
 
 
+def described(type_: Any) -> inspect.Type:
+    """Return the description of a type by msgspec."""
+    with BUILDING:
+        return inspect.type_info(type_)  # noqa: TID251
+
+
 @cache
 def schema_hash(type_: type[Struct]) -> str:
     """Return eight hex digits that change with a field, its type or its bounds."""
-    text = "\n".join(_lines(inspect.type_info(type_), bounds=True))
+    text = "\n".join(_lines(described(type_), bounds=True))
     return f"{zlib.crc32(text.encode()):08x}"
 
 
 def definition(type_: type[Struct]) -> str:
     """Return the fields in the format of `rosmsg show`, nested ones indented."""
-    return "\n".join(_lines(inspect.type_info(type_), bounds=False))
+    return "\n".join(_lines(described(type_), bounds=False))
 
 
 def service_definition(request: type[Struct], response: type[Struct]) -> str:
@@ -59,9 +70,9 @@ def service_definition(request: type[Struct], response: type[Struct]) -> str:
 
 def fields(type_: type[Struct]) -> tuple[inspect.Field, ...]:
     """Return the fields of a type, with their types."""
-    described = inspect.type_info(type_)
-    assert isinstance(described, inspect.StructType)  # noqa: S101 - a Struct is one
-    return described.fields
+    found = described(type_)
+    assert isinstance(found, inspect.StructType)  # noqa: S101 - a Struct is one
+    return found.fields
 
 
 def parts(type_: type[Struct]) -> Iterator[type[Struct]]:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import msgspec
 
 from quadctl.cli.doctor.check import Finding, failed, passed, warned
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.procfs import pss_of, stats_of
 from quadctl.services.runtime.realm import Realm
@@ -191,7 +192,7 @@ def _is_held(path: Path) -> bool:
 
 def _record(realm: Realm) -> RunState | None:
     try:
-        return msgspec.json.decode(realm.record.read_bytes(), type=RunState)
+        return from_json(realm.record.read_bytes(), RunState)
     except (OSError, msgspec.DecodeError):
         return None
 

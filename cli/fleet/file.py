@@ -16,6 +16,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.schemas.messages import Position
+from quadctl.schemas.typed import converted
 from quadctl.schemas.units import Metres
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params import catalogue, load
@@ -133,7 +134,7 @@ def _check_apart(places: dict[str, Position], where: str) -> None:
 
 def _checked(value: Any, type_: type[T], where: str, hint: str) -> T:
     try:
-        return msgspec.convert(value, type_)
+        return converted(value, type_)
     except msgspec.ValidationError as error:
         text = str(error)
         raise Invalid(f"{where}: {text[:1].lower()}{text[1:]}", hint) from error

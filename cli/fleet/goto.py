@@ -20,7 +20,7 @@ from quadctl.schemas.messages import Position
 from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.topics import STATE
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.concurrent import ask_each
+from quadctl.services.runtime.concurrent import ask_each
 from quadctl.services.runtime.errors import (
     Invalid,
     QuadctlError,

@@ -18,7 +18,7 @@ from quadctl.cli.fleet import file as fleet_file
 from quadctl.cli.fleet.file import FleetFile, Member
 from quadctl.services.runtime import realm
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.concurrent import Answers, ask_each
+from quadctl.services.runtime.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable, UsageError
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.vehicles import in_run, vehicles_of

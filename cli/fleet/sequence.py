@@ -17,6 +17,7 @@ from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState
 from quadctl.schemas.params import Params, SeparationParams
 from quadctl.schemas.services import GetParamsRequest, HoldRequest
 from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
+from quadctl.schemas.typed import converted
 from quadctl.schemas.zones import FARTHEST, ZoneParams
 from quadctl.services.airspace.airworthiness import stopping_law
 from quadctl.services.airspace.cage import bounds, why_outside
@@ -28,7 +29,6 @@ from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut, Unreachable
 from quadctl.services.runtime.params.names import put
-from quadctl.services.runtime.typed import converted
 from quadctl.vehicle import Flight, goal_of, slowed
 
 _STOP = ["safety.reaction", "safety.max_acceleration", "safety.min_deceleration"]

@@ -24,6 +24,7 @@ from quadctl.cli.lab.judge import NOT_FLOWN, RowResult, fly
 from quadctl.cli.lab.machine import Limits, Machine
 from quadctl.cli.lab.rubric import Rubric, rubric
 from quadctl.cli.temporary_run import leaving
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.realm import Realm
 
@@ -218,7 +219,7 @@ def _results(pipe: IO[bytes], seconds: float) -> Iterator[RowResult]:
     until = time.monotonic() + seconds
     with suppress(Empty):
         while (line := lines.get(timeout=max(until - time.monotonic(), 0))).endswith(b"\n"):
-            yield msgspec.json.decode(line, type=RowResult)
+            yield from_json(line, RowResult)
 
 
 def _read(pipe: IO[bytes], put: Callable[[bytes], None]) -> None:
@@ -229,7 +230,7 @@ def _read(pipe: IO[bytes], put: Callable[[bytes], None]) -> None:
 
 def main() -> None:
     """Fly the job from stdin, and write a line for each row."""
-    job = msgspec.json.decode(sys.stdin.buffer.readline(), type=GradingJob)
+    job = from_json(sys.stdin.buffer.readline(), GradingJob)
     folder, root = Path(job.folder), Path(job.root)
 
     def wrap(realm: Realm, command: list[str]) -> list[str]:

@@ -19,6 +19,7 @@ from msgspec import Struct
 from quadctl.cli.lab.effects import name_of
 from quadctl.cli.lab.source import CodeFault, Source, is_noise, on_a_line
 from quadctl.schemas import messages, services
+from quadctl.schemas.typeinfo import described
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.names import nearest
 
@@ -363,9 +364,7 @@ def _fields(call: ast.Call) -> Iterator[tuple[ast.expr, bool]]:
 
 def _floats(type_: type[Struct]) -> dict[str, bool]:
     return {
-        field.encode_name: isinstance(
-            msgspec.inspect.type_info(field.type), msgspec.inspect.FloatType
-        )
+        field.encode_name: isinstance(described(field.type), msgspec.inspect.FloatType)
         and field.name not in _FREE
         for field in msgspec.structs.fields(type_)
     }

@@ -15,6 +15,7 @@ from quadctl.cli.lab import pages
 from quadctl.cli.lab.formats import Grade, students
 from quadctl.cli.lab.handin import NODES, HandIn
 from quadctl.cli.lab.judge import NOT_FLOWN, RECORDING, log_of
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.files import making, write_whole
 from quadctl.services.runtime.params.names import nearest
@@ -103,7 +104,7 @@ def record_in(folder: Path) -> ClassRecord | None:
 
 def _read(file: Path, kind: type[_T]) -> _T | None:
     try:
-        return msgspec.json.decode(file.read_bytes(), type=kind)
+        return from_json(file.read_bytes(), kind)
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:

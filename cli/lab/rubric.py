@@ -27,6 +27,7 @@ from quadctl.cli.mission.mission import (
     params_of,
 )
 from quadctl.schemas.topics import SERVICES
+from quadctl.schemas.typed import converted
 from quadctl.schemas.units import Metres
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.params.names import nearest
@@ -131,7 +132,7 @@ class Rubric(Struct, frozen=True):
 def rubric(tables: dict[str, Any], source: str) -> Rubric:
     """Return the rubric in a file's tables; raise Invalid, which names the row and the key."""
     try:
-        file = msgspec.convert(tables, _File)
+        file = converted(tables, _File)
     except msgspec.ValidationError as error:
         raise Invalid(
             f"{source}: {error}",
@@ -205,7 +206,7 @@ def _row(table: dict[str, Any], number: int, source: str) -> RubricRow:
         if name not in known:
             raise Invalid(f"{place}: there is no key {name}", nearest(name, known))
     try:
-        row = msgspec.convert({"number": str(number)} | table, RubricRow)
+        row = converted({"number": str(number)} | table, RubricRow)
     except msgspec.ValidationError as error:
         hint = f"it takes {', '.join(sorted(_COMMON))}"
         for name in ("expect", "state"):

@@ -32,6 +32,7 @@ from quadctl.schemas.topics import (
     own_service,
     set_params,
 )
+from quadctl.schemas.typed import converted
 from quadctl.schemas.units import Metres
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params import catalogue
@@ -179,7 +180,7 @@ class _File(Struct, forbid_unknown_fields=True):
 def mission(tables: dict[str, Any], source: str) -> MissionFile:
     """Return the mission in a file's tables; raise Invalid, which names the row or the setting."""
     try:
-        file = msgspec.convert(tables, _File)
+        file = converted(tables, _File)
     except msgspec.ValidationError as error:
         swallowed = isinstance(tables.get("set"), dict) and "rows" in tables["set"]
         raise Invalid(
@@ -233,7 +234,7 @@ def _row(table: dict[str, Any], place: str) -> Row:
         raise Invalid(f"{place}: {what}", nearest(str(do), _KINDS) or known)
     kind = _KINDS[do]
     try:
-        row: Row = msgspec.convert(table, kind)
+        row: Row = converted(table, kind)
     except msgspec.ValidationError as error:
         unknown = next((name for name in table if name not in {"do", *kind.__struct_fields__}), "")
         hint = nearest(unknown, kind.__struct_fields__) if unknown else ""

@@ -10,7 +10,7 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.node.lookup import answering, params_of, run_of, see
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.concurrent import Answers, ask_each
+from quadctl.services.runtime.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable, UsageError
 from quadctl.services.runtime.run_files import ProcessRecord
 

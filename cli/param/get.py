@@ -10,7 +10,7 @@ from quadctl.cli.declarations import Arg
 from quadctl.parameters import ALL, leaves_of
 from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.schemas.typeinfo import bounds_text, type_name
-from quadctl.services.runtime.bus.concurrent import Answers
+from quadctl.services.runtime.concurrent import Answers
 from quadctl.services.runtime.errors import QuadctlError, TimedOut, Unreachable
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.catalogue import Entry, fixed_at_launch

@@ -34,6 +34,7 @@ from quadctl.schemas.topics import (
     TOGGLE_CAGE,
     Service,
 )
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import QuadctlError, Refused, UsageError
 from quadctl.services.runtime.node import Node
@@ -71,7 +72,7 @@ def run_bridge(name: str, type_: type[O], make: Callable[[O], Bridge]) -> NoRetu
     def run(node: Node, params: Params) -> None:
         if node.is_first:
             try:
-                options = msgspec.json.decode(given.options, type=type_)
+                options = from_json(given.options, type_)
             except msgspec.DecodeError as error:
                 raise UsageError(f"--options: {error}", "`quadctl bridge` makes them") from error
             bridges.append(make(options))

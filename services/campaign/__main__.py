@@ -14,9 +14,9 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 from msgspec import Struct
 
+from quadctl.schemas.typed import from_json
 from quadctl.services.campaign.database import Database
 from quadctl.services.campaign.mission import Conditions, Mission
 from quadctl.services.campaign.score import Flown, Tally, seeds
@@ -60,7 +60,7 @@ class Order(Struct, frozen=True):
 
 def main() -> None:
     """Carry out one order; if that fails, write an error document."""
-    order = msgspec.json.decode(sys.stdin.buffer.readline(), type=Order)
+    order = from_json(sys.stdin.buffer.readline(), Order)
     threading.Thread(target=_watch_stdin, daemon=True).start()
     try:
         (_replay if order.replay else _search if order.search else _campaign)(order)

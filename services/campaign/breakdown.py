@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Iterable
 from math import log, log10
 
-import msgspec
 import numpy as np
 
+from quadctl.schemas.typed import json_decoder
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.safety.automaton import RULES, Rule
 from quadctl.services.safety.model import State
@@ -50,8 +50,8 @@ class Breakdown:
             )
 
 
-_WIND = msgspec.json.Decoder(tuple[float, float])
-_COUNTS = msgspec.json.Decoder(dict[str, int])
+_WIND = json_decoder(tuple[float, float])
+_COUNTS = json_decoder(dict[str, int])
 
 
 def _rank(name: str) -> int:

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from quadctl.schemas.typed import from_json
 from quadctl.services.campaign.batch import MakeFleet
 from quadctl.services.campaign.score import Flown
 from quadctl.services.campaign.vehicles import Plain
@@ -239,7 +240,7 @@ class ClusterPool:
                 f"a job failed on the cluster: {problem!r}", "the workers' logs say more"
             )
         else:
-            self._on_flown(msgspec.json.decode(result, type=list[Flown]))
+            self._on_flown(from_json(result, list[Flown]))
 
     def _judge(self, worker: str, problem: BaseException | None, result: Any) -> None:
         """Accept a worker, or leave it out, by the result of its probe."""
@@ -328,7 +329,7 @@ def fly(job: bytes) -> bytes:
     """Fly a job, and return its `list[Flown]`, both as JSON; runs on a worker."""
     with _turn:
         make = _maker()
-    return msgspec.json.encode(batch(msgspec.json.decode(job, type=Job), make).fly())
+    return msgspec.json.encode(batch(from_json(job, Job), make).fly())
 
 
 _turn = threading.Lock()

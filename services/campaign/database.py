@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from quadctl.schemas.typed import converted
 from quadctl.services.campaign.mission import Conditions
 from quadctl.services.campaign.score import Flown
 from quadctl.services.runtime.errors import Invalid, QuadctlError
@@ -81,7 +82,7 @@ class Database:
         with _explained(self._file, QuadctlError):
             for row in self.connection.execute(f"SELECT * {_RANGE}", (seeds.start, seeds.stop - 1)):
                 fields = zip(COLUMNS.items(), row, strict=True)
-                yield msgspec.convert(
+                yield converted(
                     {
                         name: msgspec.json.decode(value) if kind == "JSON" else value
                         for (name, kind), value in fields

@@ -17,6 +17,7 @@ from quadctl.schemas.params import (
     WindParams,
 )
 from quadctl.schemas.topics import SETPOINT
+from quadctl.schemas.typed import converted
 from quadctl.services.airspace.airworthiness import wind_margin
 from quadctl.services.airspace.geometry import Point
 
@@ -259,7 +260,7 @@ def with_given(section: Parameters, node: str, given: dict[str, Any]) -> Paramet
             table = table[part]
         if first == node:
             table[last] = value
-    return msgspec.convert(tables, type(section))
+    return converted(tables, type(section))
 
 
 def _rows(draws: RandomSource, seconds: float, size: Point, *, faults: bool) -> Iterator[Row]:

@@ -18,6 +18,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.typed import from_json
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.batch import Batch, MakeFleet
 from quadctl.services.campaign.mission import Conditions, Mission, missions
@@ -72,7 +73,7 @@ class Worker:
         if not line:
             code = self._popen.wait()
             raise QuadctlError(f"a campaign worker ended with code {code}", "see its error above")
-        return msgspec.json.decode(line, type=list[Flown])
+        return from_json(line, list[Flown])
 
     def end(self) -> None:
         """Close the worker's stdin, which ends it, and wait."""
@@ -162,7 +163,7 @@ def main() -> None:
     gc.freeze()
     gc.disable()
     while True:
-        job = msgspec.json.decode(jobs.get(), type=Job)
+        job = from_json(jobs.get(), Job)
         emit(_flown(job, make))
         # The monitors of a batch refer to its flights, and these to them.
         gc.collect()

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from msgspec import Struct
 
+from quadctl.schemas.typed import converted
 from quadctl.services.runtime.filelock import turn
 from quadctl.services.runtime.realm import write_atomically
 from quadctl.services.runtime.shutdown import die_with_parent
@@ -77,7 +78,7 @@ class MachineCode:
 def stored() -> Code | None:
     """Return the code for this processor, None if there is none."""
     try:
-        code = msgspec.msgpack.decode(_path().read_bytes(), type=Code)
+        code = converted(msgspec.msgpack.decode(_path().read_bytes()), Code)
     except (FileNotFoundError, msgspec.DecodeError):
         return None
     sound = hashlib.sha256(code.machine).hexdigest() == code.digest

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 from msgspec import Struct
 
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.realm import LOCK, RECORD, Realm, default_name, write_atomically
-from quadctl.services.runtime.typed import from_json
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,12 +11,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple, cast
 
-import msgspec
 from msgspec import Struct
 
 from quadctl.schemas.messages import Called, Pose
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import POSE, POSE_SLOW, Service, Topic, period, set_params
+from quadctl.schemas.typed import converted
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.live import LiveParams
@@ -142,7 +142,7 @@ class FakeNode:
             call = self._calls.popleft()
             service, handler = self._services[call.service]
             try:
-                handler(msgspec.convert(call.request, service.request))
+                handler(converted(call.request, service.request))
             except QuadctlError as problem:
                 self.log.info("%s: %s", call.service, problem.message)
 

@@ -3,7 +3,6 @@
 import time
 from functools import partial
 
-from msgspec import convert
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import (
@@ -43,6 +42,7 @@ from quadctl.schemas.topics import (
     called,
     set_params,
 )
+from quadctl.schemas.typed import converted
 from quadctl.services.airspace import airworthiness
 from quadctl.services.airspace.cage import bounds
 from quadctl.services.runtime.entry import start
@@ -96,7 +96,7 @@ class Safety:
     def _on_vehicle_params(self, call: Called) -> None:
         """Follow the parameters of dynamics: body, limits, wind, and patience for setpoints."""
         if call.response.get("success"):
-            self._vehicle.set(convert(call.request, SetParamsRequest))
+            self._vehicle.set(converted(call.request, SetParamsRequest))
 
     def _judge_vehicle(self) -> None:
         params = self._params.dynamics

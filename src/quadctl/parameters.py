@@ -10,7 +10,7 @@ from quadctl.schemas.services import SetParamsRequest, SetParamsResponse
 from quadctl.schemas.topics import Service, set_params
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.bus.concurrent import Answers
+from quadctl.services.runtime.concurrent import Answers
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Unreachable
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name
 from quadctl.services.runtime.params.remote import RemoteParams, Values

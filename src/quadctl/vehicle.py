@@ -40,9 +40,10 @@ from quadctl.schemas.topics import (
     Topic,
     get_params,
 )
+from quadctl.schemas.typed import converted
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, TimedOut
-from quadctl.services.runtime.typed import converted, plain, positive_time, require
+from quadctl.services.runtime.typed import plain, positive_time, require
 
 if TYPE_CHECKING:
     from quadctl.parameters import ParamTable

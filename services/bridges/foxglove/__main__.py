@@ -15,6 +15,7 @@ from msgspec import UNSET, Struct
 from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import SERVICES, STATE, TOPICS, Service, topic_of
+from quadctl.schemas.typed import from_json
 from quadctl.schemas.typeinfo import json_schema
 from quadctl.services.bridges.base import AGE, BridgedVehicle, run_bridge
 from quadctl.services.bridges.foxglove.protocol import FoxgloveParameter, Graph, Offered, Schema
@@ -86,7 +87,7 @@ class FoxgloveBridge:
         vehicle, _, name = service.partition("/")
         found = next(each for each in SERVICES if each.name == name)
         try:
-            request = msgspec.json.decode(payload or b"{}", type=found.request)
+            request = from_json(payload or b"{}", found.request)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             hint = f"`quadctl type show {name}` prints its fields"
             raise Invalid(f"not a valid request of {name}: {error}", hint) from error

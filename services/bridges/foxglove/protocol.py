@@ -13,6 +13,7 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from quadctl.schemas.keyexpr import EndpointInfo
+from quadctl.schemas.typed import json_decoder
 from quadctl.services.runtime.errors import Invalid
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -265,7 +266,7 @@ Request = (
 )
 
 encode = msgspec.json.encode
-_request = msgspec.json.Decoder(Request)
+_request = json_decoder(Request)
 _MESSAGE, _CALL, _RESPONSE = 1, 2, 3
 _message, _published, _call = Layout("<BIQ"), Layout("<BI"), Layout("<BIII")
 

@@ -9,8 +9,6 @@ import time
 from functools import partial
 from typing import Any
 
-from msgspec import convert
-
 from quadctl.schemas.messages import Called, Pose, SafetyState, Setpoint, Zones
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import ResetRequest, ResetResponse, SetParamsRequest
@@ -24,6 +22,7 @@ from quadctl.schemas.topics import (
     called,
     set_params,
 )
+from quadctl.schemas.typed import converted
 from quadctl.services.bridges.base import run_bridge
 from quadctl.services.bridges.mavlink.adapter import POSE_HZ, US, AutopilotAdapter, Guarded
 from quadctl.services.bridges.mavlink.link import MavlinkLink
@@ -134,7 +133,7 @@ class AutopilotNode:
 
     def _on_safety_params(self, call: Called) -> None:
         if call.response.get("success"):
-            self._safety.set(convert(call.request, SetParamsRequest))
+            self._safety.set(converted(call.request, SetParamsRequest))
 
     def _on_zones(self, zones: Zones) -> None:
         self._zones = zones

@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, Protocol
 
-from msgspec import Struct, convert, to_builtins
+from msgspec import Struct, to_builtins
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import common as mavlink
 
 from quadctl.schemas.earth import Origin
 from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.services import GotoRequest
+from quadctl.schemas.typed import converted
 from quadctl.schemas.zones import ZoneParams
 from quadctl.services.bridges.mavlink.pilot import Errand, Pilot
 from quadctl.services.bridges.mavlink.plan import (
@@ -360,7 +361,7 @@ class Commander:
         if kind == PlanKind.MISSION:
             return self._mission
         found = self._services.parameters.get("safety.zones")
-        return items_of(convert(found, list[ZoneParams]), self._origin)
+        return items_of(converted(found, list[ZoneParams]), self._origin)
 
     def save(self, kind: PlanKind, items: Sequence[PlanItem]) -> None:
         """Take a mission, or a fence in the place of all zones; raise QuadctlError if it is refused."""

@@ -11,9 +11,9 @@ from msgspec import Struct
 
 from quadctl.schemas.digests import DIGESTS, place
 from quadctl.schemas.services import Call, Error
+from quadctl.schemas.typed import BUILDING, json_decoder
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
 from quadctl.services.runtime.nesting import is_too_deep
-from quadctl.services.runtime.typed import BUILDING
 
 
 def to_jsonable(payload: bytes, encoding: str) -> Any:
@@ -95,8 +95,7 @@ def digest(type_: type[Struct]) -> str:
         return known
     from quadctl.schemas.typeinfo import schema_hash
 
-    with BUILDING:
-        return schema_hash(type_)
+    return schema_hash(type_)
 
 
 @cache
@@ -122,9 +121,8 @@ def _refuse_extension(code: int, _data: memoryview) -> Any:
 
 
 @cache
-def _error_decoder() -> msgspec.json.Decoder[Error]:
-    with BUILDING:
-        return msgspec.json.Decoder(Error)
+def _error_decoder() -> Any:
+    return json_decoder(Error)
 
 
 def decode(type_: type[M], payload: bytes, encoding: str) -> M:

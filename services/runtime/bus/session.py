@@ -15,12 +15,12 @@ import msgspec
 import zenoh
 from msgspec import Struct
 
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.errors import NotAllowed, TimedOut, Unreachable
 from quadctl.services.runtime.realm import ADDRESS, Realm, write_atomically
 from quadctl.services.runtime.run_files import is_live, not_running
 from quadctl.services.runtime.security import endpoints
 from quadctl.services.runtime.security.endpoints import check, how_to_open, is_secure
-from quadctl.services.runtime.typed import from_json
 
 TWO_THREADS = (
     "(rx: (worker_threads: 1), acc: (handover: app), tx: (handover: app), net: (handover: app),"

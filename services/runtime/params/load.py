@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.schemas.params import Params, WindParams
+from quadctl.schemas.typed import converted
 from quadctl.services.airspace import airworthiness
 from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.files import read_text
@@ -21,7 +22,6 @@ from quadctl.services.runtime.params.names import (
     value_of,
 )
 from quadctl.services.runtime.realm import DEFAULT, listed
-from quadctl.services.runtime.typed import converted
 
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"

@@ -12,7 +12,7 @@ from msgspec import Struct
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.services import GetParamsRequest, SetParamsRequest
 from quadctl.schemas.topics import Service, get_params, set_params
-from quadctl.services.runtime.bus.concurrent import Answers, ask_each
+from quadctl.services.runtime.concurrent import Answers, ask_each
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
 
 _NODES = ("dynamics", "pressure", "safety")

@@ -16,6 +16,7 @@ from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 from msgspec import Struct
 
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.filelock import is_locked
@@ -102,7 +103,7 @@ class Recorded(NamedTuple):
             return codec.decode(type_, self.payload, self.encoding)
         codec.check_schema(type_, self.encoding)
         try:
-            return msgspec.json.decode(self.data, type=type_)
+            return from_json(self.data, type_)
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise Invalid(f"not a valid {type_.__name__}: {error}") from error
 

@@ -15,6 +15,7 @@ from mcap.writer import Writer
 
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.topics import MESSAGES, POSE_SLOW
+from quadctl.schemas.typed import json_decoder
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
 from quadctl.services.runtime.filelock import is_locked
 from quadctl.services.runtime.nesting import TOO_DEEP, is_too_deep
@@ -22,10 +23,10 @@ from quadctl.services.runtime.recording import mcap_format
 from quadctl.services.runtime.recording.reader import STILL_RECORDED, Bag, Recorded, missing
 from quadctl.services.runtime.recording.writer import Outfile
 
-_DECODERS: dict[str, msgspec.json.Decoder[Any]] = {
-    f"quadctl.{name}": msgspec.json.Decoder(type_) for name, type_ in MESSAGES.items()
+_DECODERS: dict[str, Any] = {
+    f"quadctl.{name}": json_decoder(type_) for name, type_ in MESSAGES.items()
 }
-_TABLE = msgspec.json.Decoder(dict[str, Any])
+_TABLE = json_decoder(dict[str, Any])
 _MOST = 20
 """Faults that are listed; more would not help the reader."""
 

@@ -10,8 +10,8 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.schemas.roles import Role
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.errors import NotAllowed, UsageError
-from quadctl.services.runtime.typed import from_json
 
 
 class Name(Struct, frozen=True):

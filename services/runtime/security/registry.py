@@ -10,6 +10,7 @@ from secrets import token_hex
 import msgspec
 
 from quadctl.schemas.roles import Role
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.files import write_whole
@@ -17,7 +18,6 @@ from quadctl.services.runtime.params.names import nearest
 from quadctl.services.runtime.realm import vehicle_name, write_atomically
 from quadctl.services.runtime.security.authority import Authority, hosts_here
 from quadctl.services.runtime.security.identity import ABOUT, Name
-from quadctl.services.runtime.typed import from_json
 
 LIST = "names.json"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from msgspec import Struct
 
+from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError, UsageError
 from quadctl.services.runtime.process_table import START_TIMEOUT
 from quadctl.services.runtime.realm import Realm
@@ -70,7 +71,7 @@ def start_in_background(
         if not launch.owned:
             supervisor.stdin.close()
         for line in supervisor.stdout:
-            report = msgspec.json.decode(line, type=StartupReport)
+            report = from_json(line, StartupReport)
             if report.settled:
                 break
             watchdog.cancel()
@@ -129,7 +130,7 @@ def main() -> int:
         line = pipe.readline()
     if not line.endswith(b"\n"):
         return 0  # the command was killed while it wrote
-    launch = msgspec.json.decode(line, type=Launch)
+    launch = from_json(line, Launch)
 
     settled, reported = False, time.monotonic()
 

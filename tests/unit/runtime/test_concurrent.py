@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from quadctl.cli import output
-from quadctl.services.runtime.bus.concurrent import ask_each
+from quadctl.services.runtime.concurrent import ask_each
 from quadctl.services.runtime.errors import Refused
 
 

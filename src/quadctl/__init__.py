@@ -9,15 +9,16 @@ if not os.path.isdir(__path__[0] + "/services"):  # noqa: PTH112 - pathlib is sl
     __path__.append(os.path.dirname(os.path.dirname(__path__[0])))  # noqa: PTH120
 
 __all__ = [
-    "AlreadyServed", "Arrival", "Calibration", "Client", "Error", "Flight", "Invalid", "Node", "NotReady",
-    "Params", "QuadctlError", "Refused", "Run", "Service", "TimedOut", "Topic", "Unreachable", "Vehicle",
-    "Watch", "connect", "launch", "read", "start",
+    "AlreadyServed", "Arrival", "BridgedVehicle", "Calibration", "Client", "Error", "Flight", "Invalid",
+    "Node", "NotReady", "Params", "QuadctlError", "Refused", "RequestQueue", "Run", "Service", "TimedOut",
+    "Topic", "Unreachable", "Vehicle", "Watch", "connect", "launch", "read", "start",
 ]  # fmt: skip
 
 if TYPE_CHECKING:
     from quadctl.recordings import read
     from quadctl.schemas.params import Params
     from quadctl.schemas.topics import Service, Topic
+    from quadctl.services.bridges.base import BridgedVehicle, RequestQueue
     from quadctl.services.runtime.bus.client import Client
     from quadctl.services.runtime.entry import start
     from quadctl.services.runtime.errors import (
@@ -39,6 +40,7 @@ else:  # hidden from type checkers, which would accept any name as ours
         "recordings": ("read",),
         "schemas.params": ("Params",),
         "schemas.topics": ("Service", "Topic"),
+        "services.bridges.base": ("BridgedVehicle", "RequestQueue"),
         "services.runtime.bus.client": ("Client",),
         "services.runtime.entry": ("start",),
         "services.runtime.errors": (

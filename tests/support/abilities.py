@@ -84,6 +84,13 @@ ABILITIES = {
         lambda: all(shutil.which(tool, path=SEARCH) for tool in _TOOLS),
         "the network tools: apt install iproute2 util-linux mount",
     ),
+    "mosquitto": Ability(
+        lambda: all(
+            shutil.which(tool, path=SEARCH)
+            for tool in ("mosquitto", "mosquitto_pub", "mosquitto_sub")
+        ),
+        "a broker of MQTT and its clients: apt install mosquitto mosquitto-clients",
+    ),
     "namespaces": Ability(
         lambda: _works("unshare", *as_root(), "--net", "true"),
         "network namespaces: root, or sysctl kernel.unprivileged_userns_clone=1;"

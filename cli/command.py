@@ -7,7 +7,7 @@ import os
 import sys
 
 # fast_imports comes first: it imports msgspec.
-from quadctl.cli import fast_imports, fast_parser, output  # noqa: F401
+from quadctl.cli import fast_imports, output, parser  # noqa: F401
 from quadctl.cli.context import options_of
 from quadctl.services.runtime.errors import QuadctlError, UsageError
 
@@ -84,24 +84,25 @@ def _is_folder_gone(problem: BaseException | None) -> bool:
 
 
 def _run(words: list[str]) -> None:
-    if _COMPLETING in os.environ:
+    if os.environ.get(_COMPLETING):
         from quadctl.cli.completion import shells
 
         fits = shells.answer()
-        if fits is not None:
-            output.line(fits)
-            return
-    words = fast_parser.given(words)
-    line = fast_parser.read(words)
-    if line is None:
+        if fits is None:
+            from quadctl.cli.completion import installation
+
+            installation.run()
+        output.line(fits)
+        return
+    try:
+        line = parser.read(words)
+    except UsageError:
         from quadctl.cli import habits
 
-        words = fast_parser.given(habits.translated(words))
-        line = fast_parser.read(words)
-    if line is None:
-        from quadctl.cli import typer_app
-
-        line = typer_app.read(words)
+        ours = habits.translated(words)
+        if ours == words:
+            raise
+        line = parser.read(ours)
     # The imports are done: let the garbage collector scan only objects made from here on.
     gc.freeze()
     gc.enable()

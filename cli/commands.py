@@ -113,10 +113,12 @@ def command(path: str) -> Command:
     return found  # type: ignore[no-any-return]
 
 
-def split(words: list[str]) -> tuple[str, list[str]]:
-    """Return the command that a line begins with, empty if none, and the words after it."""
-    for count in (1, 2, 3):
-        path = " ".join(words[:count])
-        if path in COMMANDS and len(words) >= count:
-            return path, words[count:]
-    return "", words
+def inside(group: str) -> dict[str, str]:
+    """Return the paths of the commands and groups in a group by their last words, commands first."""
+    paths = {path.rpartition(" ")[::2]: path for path in (*COMMANDS, *GROUPS)}
+    return {name: path for (outer, name), path in paths.items() if outer == group}
+
+
+def meaning(path: str) -> str:
+    """Return the meaning of a command or group in one line."""
+    return GROUPS.get(path) or (command(path).__doc__ or "").partition("\n")[0]

@@ -1,4 +1,4 @@
-"""Declarations of a command's words, for both the fast parser and Typer.
+"""Declarations of a command's words, for the parser, the help pages and completion.
 
     def goto(options: Options, x: Annotated[float, Arg("East, m.")],
              replace: Annotated[bool, Option("Change course.")] = False) -> None:
@@ -7,6 +7,7 @@ The docstring is the help, its `Example:` line included.
 """
 
 from collections.abc import Callable
+from types import UnionType
 from typing import Any, Literal
 
 from msgspec import Struct
@@ -24,24 +25,29 @@ class Arg(Struct, frozen=True):
 
 
 class Option(Struct, frozen=True):
-    """Named word; without `names` its name is that of the function's parameter."""
+    """Named word; without `names` its name is that of the function's parameter.
+
+    With an `ending`, e.g. `.toml`, the value may be left out before a word that does not end so.
+    """
 
     about: str
     names: tuple[str, ...] = ()
     metavar: str = ""
     min: int | None = None
     complete: Names = ""
+    ending: str = ""
 
 
 class Parameter(Struct, frozen=True):
-    """Declared word in the form that both parsers use."""
+    """Declared word; `many` collects every value, `count` is the number of words of one."""
 
     name: str
     type: type
-    many: bool
-    default: Any
-    required: bool
     declaration: Arg | Option
+    default: Any = None
+    required: bool = False
+    many: bool = False
+    count: int = 1
 
     @property
     def is_option(self) -> bool:
@@ -53,6 +59,16 @@ class Parameter(Struct, frozen=True):
         """Return the spellings of an option."""
         own = f"--{self.name.replace('_', '-')}"
         return (isinstance(self.declaration, Option) and self.declaration.names) or (own,)
+
+    @property
+    def placeholder(self) -> str:
+        """Return the name of a value in texts."""
+        return self.declaration.metavar or self.name.upper()
+
+    def is_left_out(self, line: list[str]) -> bool:
+        """Return whether a line goes on without the value, which may be left out."""
+        ending = getattr(self.declaration, "ending", "")
+        return bool(ending) and not (line and line[0].endswith(ending))
 
 
 class ParsedCommand(Struct, frozen=True):
@@ -93,12 +109,8 @@ def is_number(text: str) -> bool:
 
 def _word(name: str, annotation: Any, required: bool, default: Any) -> Parameter:
     type_, declaration = annotation.__origin__, annotation.__metadata__[0]
-    # `float | None` counts as float.
-    type_ = next(iter(getattr(type_, "__args__", ())), type_) if not _is_list(type_) else type_
-    many = _is_list(type_)
-    item = type_.__args__[0] if many else type_
-    return Parameter(name, item, many, default, required, declaration)
-
-
-def _is_list(type_: Any) -> bool:
-    return getattr(type_, "__origin__", None) is list
+    if isinstance(type_, UnionType):  # `float | None` counts as float
+        type_ = type_.__args__[0]
+    items = getattr(type_, "__args__", (type_,))
+    many = getattr(type_, "__origin__", None) is list
+    return Parameter(name, items[0], declaration, default, required, many, len(items))

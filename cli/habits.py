@@ -3,6 +3,8 @@
 A line with one obvious meaning just works. Any other prints the command to type.
 """
 
+from quadctl.cli.declarations import is_number
+
 _SAME = {
     "wtf": "doctor",
     "play": "replay",
@@ -139,3 +141,17 @@ def instead(path: str) -> str:
 def instead_of_option(path: str, name: str) -> str:
     """Return the hint for an unknown option of a command; empty if there is none."""
     return OPTIONS.get((path, name), "")
+
+
+def instead_of_number(path: str, text: str) -> str:
+    """Return the hint for a text that is no number; empty if there is none."""
+    if "_" in text and is_number(text):
+        return "write it without the _"
+    if "," not in text or text.startswith(",") or text.strip("-+.,0123456789"):
+        return ""
+    numbers = text.replace(",", " ").split()
+    if len(numbers) == 2:
+        return f"{'.'.join(numbers)}: a number has a point"
+    if len(numbers) == 1:
+        return f"{numbers[0]}: without a comma"
+    return f"`quadctl {path} {' '.join(numbers)}`: without commas"

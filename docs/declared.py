@@ -47,10 +47,9 @@ def _common() -> Iterator[tuple[str, str]]:
 
 
 def _word(word: Parameter) -> str:
-    placeholder = word.declaration.metavar or word.name.upper()
     if not word.is_option:
-        return f"`{placeholder}`"
-    value = "" if word.type is bool else f" {placeholder}"
+        return f"`{word.placeholder}`"
+    value = "" if word.type is bool else f" {word.placeholder}"
     return f"`{', '.join(word.names)}{value}`"
 
 

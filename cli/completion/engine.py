@@ -11,6 +11,7 @@ import msgspec
 from quadctl.cli import commands, context, names as known
 from quadctl.cli.context import COMMON, Options, options_of
 from quadctl.cli.declarations import Names, Parameter, takes_signed, words_of
+from quadctl.cli.parser import words_at
 from quadctl.parameters import RunningParams
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.params import Params
@@ -126,14 +127,6 @@ def _live(kind: Names, client: Client, begun: str, until: float) -> Iterator[str
             yield from topic(key, begun, vehicle)
 
 
-_COMMON = {f"--{name}": (type_, about) for name, (type_, about) in COMMON.items()}
-_FIRST = {
-    "--version": "Print the version and exit.",
-    "--install-completion": "Install completion for this shell.",
-    "--show-completion": "Print the completion script of this shell.",
-}
-
-
 class Found(NamedTuple):
     """Word that fits, and its meaning if known."""
 
@@ -158,20 +151,14 @@ def _fitting(before: list[str], begun: str, *, explain: bool) -> Iterable[Found]
         elif (path := f"{path} {text}".lstrip()) in commands.COMMANDS:
             return _of_command(path, list(rest), begun, common)
     if begun.startswith("-"):
-        return _options([], at_first=not path)
+        return _options(path)
     return _commands(path, explain=explain)
 
 
 def _commands(group: str, *, explain: bool) -> Iterator[Found]:
-    for path, meaning in commands.GROUPS.items():
-        outer, _, name = path.rpartition(" ")
-        if outer == group:
-            yield Found(name, meaning)
-    for path in commands.COMMANDS:
-        parent, _, name = path.rpartition(" ")
-        if parent == group and path not in commands.ALIASES:
-            text = (explain and commands.command(path).__doc__) or ""
-            yield Found(name, text.partition("\n")[0])
+    for name, path in commands.inside(group).items():
+        if path not in commands.ALIASES:
+            yield Found(name, commands.meaning(path) if explain else "")
 
 
 def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) -> Iterable[Found]:
@@ -194,7 +181,7 @@ def _of_command(path: str, rest: list[str], begun: str, common: dict[str, str]) 
     if begun.startswith("-"):
         option, equals, value = begun.partition("=")
         if not equals:
-            return _options(declared)
+            return _options(path)
         if option not in named:
             return []
         found = _words(named[option], value, common, typed)
@@ -238,21 +225,15 @@ def _files(begun: str) -> Iterator[str]:
         return
 
 
-def _options(declared: list[Parameter], *, at_first: bool = False) -> Iterator[Found]:
-    for word in declared:
+def _options(path: str) -> Iterator[Found]:
+    for word in words_at(path):
         if word.is_option:
-            for name in word.names:
-                yield Found(name, word.declaration.about)
-    for name, (_, about) in _COMMON.items():
-        yield Found(name, about)
-    yield Found("--help", "Show what this does, and exit.")
-    if at_first:
-        yield from map(Found._make, _FIRST.items())
+            yield from (Found(name, word.declaration.about) for name in word.names)
 
 
 def _takes_value(text: str) -> bool:
-    known = _COMMON.get(text.partition("=")[0])
-    return known is not None and known[0] is not bool
+    type_, _ = COMMON.get(text.partition("=")[0].removeprefix("--"), (bool, ""))
+    return type_ is not bool
 
 
 def _value(text: str, line: Iterator[str], common: dict[str, Any]) -> str | None:

@@ -49,7 +49,11 @@ def up(
     insecure: Insecure = False,
     record: Annotated[
         str | None,
-        Option("Record the run (default: quadctl_DATE_TIME.mcap).", metavar="[FILE.mcap]"),
+        Option(
+            "Record the run (default: quadctl_DATE_TIME.mcap).",
+            metavar="[FILE.mcap]",
+            ending=".mcap",
+        ),
     ] = None,
     bridge: Annotated[
         list[str] | None,

@@ -18,6 +18,7 @@ IMPURE = ("time", "random", "os", "pathlib", "threading", "zenoh", "quadctl.serv
 FORBIDDEN = {
     "quadctl.schemas": ("numpy", "typer", "quadctl.services.runtime", "quadctl.cli", *IMPURE),
     "cli": (
+        "typer",
         "zenoh",
         "quadctl.services.dynamics",
         "quadctl.services.hub",

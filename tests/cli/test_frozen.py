@@ -15,8 +15,9 @@ from tempfile import TemporaryFile
 
 import pytest
 
-from quadctl.cli.commands import COMMANDS, split
+from quadctl.cli.commands import COMMANDS
 from tests.golden.shapes import ZONE
+from tests.support.command_line import command_of
 from tests.support.frozen import (
     ELSEWHERE,
     ENDINGS,
@@ -44,7 +45,7 @@ RECORDING = Path(__file__).parents[1] / "recording" / "data" / "cage.mcap"
 
 def test_every_command_is_in_a_table():
     lines = [line.words for line in (*LINES, *STREAMS, *ENDINGS)]
-    named = {split(shlex.split(words))[0] for words in lines}
+    named = {command_of(words) for words in lines}
     assert named | set(ELSEWHERE) == set(COMMANDS)
     assert not named & set(ELSEWHERE)
 

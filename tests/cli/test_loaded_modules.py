@@ -9,8 +9,8 @@ from tests.support.lab import Lab
 from tests.support.running import DEADLINE
 
 SLOW = {
-    "asyncio", "quadctl.cli.typer_app", "dataclasses", "decimal", "inspect", "json", "logging", "numpy",
-    "pathlib", "platform", "re", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
+    "asyncio", "dataclasses", "decimal", "difflib", "inspect", "json", "logging", "numpy",
+    "pathlib", "platform", "quadctl.cli.habits", "quadctl.cli.help_pages", "re", "shlex", "subprocess", "tempfile", "textwrap", "tomllib", "typer",
     "urllib", "uuid",
 }  # fmt: skip
 

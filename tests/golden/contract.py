@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -161,7 +161,10 @@ def _value(type_: inspect.Type, number: int) -> Any:  # noqa: PLR0912 - a line a
 
 def commands() -> dict[str, Any]:
     """Gather every command with its arguments and options, a line of text each."""
-    found = dict(_commands(product.command_line(), ""))
+    found = {
+        path: [*(["hidden"] if path in product.ALIASES else []), *map(_word, words)]
+        for path, words in product.command_line().items()
+    }
     names = {f"--{name}" for name in product.common_options()}
     common = [line for line in found["status"] if line.split()[1] in names]
     assert len(common) == len(names)
@@ -176,25 +179,22 @@ def commands() -> dict[str, Any]:
     }
 
 
-def _commands(command: Any, path: str) -> Iterator[tuple[str, list[str]]]:
-    hidden = ["hidden"] if command.hidden else []
-    yield path, hidden + [_word(word) for word in command.params]
-    for name, inner in getattr(command, "commands", {}).items():
-        yield from _commands(inner, f"{path} {name}".lstrip())
-
-
 def _word(word: Any) -> str:
-    names = ", ".join([*word.opts, *word.secondary_opts])
-    kind = "flag" if getattr(word, "is_flag", False) else word.type.name
+    least = getattr(word.declaration, "min", None)
     default = str(word.default) if isinstance(word.default, Path) else word.default
+    kind = word.type.__name__.lower() + (" range" if least is not None else "")
+    kind = f"<{' '.join([kind] * word.count)}>" if word.count > 1 else kind
+    metavar = word.declaration.metavar if word.is_option else word.placeholder
     facts = {
-        "min": getattr(word.type, "min", None),
-        "default": None if kind == "flag" or callable(word.default) else default,
-        "metavar": word.metavar,
+        "min": least,
+        "default": None if word.type is bool else default,
+        "metavar": metavar or None,
     }
-    said = [word.param_type_name, names, f"<{kind}>"]
+    names = ", ".join(word.names) if word.is_option else word.name
+    said = ["option" if word.is_option else "argument", names]
+    said += ["<flag>" if word.type is bool else f"<{kind}>"]
     said += ["required"] if word.required else []
-    said += ["many"] if getattr(word, "multiple", False) or word.nargs != 1 else []
+    said += ["many"] if word.many or word.count > 1 else []
     return " ".join(said + [f"{name}={fact!r}" for name, fact in facts.items() if fact is not None])
 
 

@@ -11,9 +11,11 @@ import msgspec
 from msgspec import Struct
 
 from quadctl import cli, schemas, services
+from quadctl.cli.commands import ALIASES, COMMANDS, inside
 from quadctl.cli.context import COMMON
+from quadctl.cli.declarations import Parameter
 from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
-from quadctl.cli.typer_app import build
+from quadctl.cli.parser import words_at
 from quadctl.schemas import digests
 from quadctl.schemas.keyexpr import EndpointInfo, endpoint_key, node_key
 from quadctl.schemas.services import Call, Error
@@ -35,6 +37,7 @@ from quadctl.services.runtime.params.names import LAB_NODES
 from quadctl.services.runtime.process_table import NODES
 
 __all__ = [
+    "ALIASES",
     "BUS_CUT",
     "FAULTS",
     "LAB_NODES",
@@ -129,11 +132,12 @@ def tables() -> list[str]:
     return list(catalogue.tables())
 
 
-def command_line() -> Any:
-    """Return the complete command line as Typer's command group."""
-    from typer.main import get_command
-
-    return get_command(build())
+def command_line(path: str = "") -> dict[str, list[Parameter]]:
+    """Return by their paths the words, without `--help`, of a group and of all within it."""
+    found = {path: words_at(path)[:-1]}
+    for inner in inside(path).values():
+        found |= {inner: words_at(inner)[:-1]} if inner in COMMANDS else command_line(inner)
+    return found
 
 
 def common_options() -> list[str]:

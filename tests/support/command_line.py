@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from quadctl.cli import command
+from quadctl.cli.commands import COMMANDS
 
 
 class Result(NamedTuple):
@@ -32,6 +33,12 @@ class Result(NamedTuple):
 
 
 Quadctl = Callable[..., Result]
+
+
+def command_of(words: str) -> str:
+    """Return the path of the command that a line begins with."""
+    found = [path for path in COMMANDS if f"{words} ".startswith(f"{path} ")]
+    return max(found, key=len, default="")
 
 
 class _Left(BaseException):

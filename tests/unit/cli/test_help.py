@@ -1,26 +1,14 @@
 """Help texts: every command has a description and an example."""
 
+import os
 import re
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
-import typer
 
-from quadctl.cli import typer_app
+from quadctl.cli.commands import COMMANDS, meaning
+from quadctl.cli.help_pages import page
 from tests.support.command_line import Quadctl
 
-
-def commands(command: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    for name, inner in getattr(command, "commands", {}).items():
-        here = f"{path} {name}".lstrip()
-        if getattr(inner, "commands", None):
-            yield from commands(inner, here)
-        else:
-            yield here, inner
-
-
-COMMANDS = dict(commands(typer.main.get_command(typer_app.build())))
 GROUPS = sorted({path.split()[0] for path in COMMANDS if " " in path})
 COMMON = ("--realm", "--connect", "--identity", "--vehicle", "--timeout", "--json")
 
@@ -34,7 +22,7 @@ def test_help_of_every_command_describes_it_with_common_options(quadctl: Quadctl
     own = re.findall(r"^  (?:-\w, )?(--[\w-]+)", result.out, re.MULTILINE)
     assert own[-len(COMMON) - 1 :] == [*COMMON, "--help"], "the common options come last"
     assert places == sorted(places)
-    assert (COMMANDS[path].help or "").partition("\n")[0].rstrip().endswith(".")
+    assert meaning(path).endswith(".")
 
 
 @pytest.mark.parametrize("path", COMMANDS)
@@ -109,19 +97,27 @@ def test_piped_help_has_one_line_per_item_at_any_width(
 ):
     wide = quadctl("--help").out
     monkeypatch.setenv("COLUMNS", "20")
-    for path, command in COMMANDS.items():
+    for path in COMMANDS:
         if " " not in path and path != "ps":
-            assert re.search(rf"^  {path} +{re.escape(_first(command))}$", wide, re.MULTILINE)
+            assert re.search(rf"^  {path} +{re.escape(meaning(path))}$", wide, re.MULTILINE)
     assert quadctl("--help").out == wide
-
-
-def _first(command: Any) -> str:
-    return str(command.help).partition("\n")[0].rstrip()
 
 
 @pytest.mark.parametrize("words", ["--help", "up --help", "topic --help"])
 def test_piped_help_has_no_box_and_no_colour(quadctl: Quadctl, words: str):
     assert not set(quadctl(*words.split()).out) & set("╭│╰─\x1b")
+
+
+@pytest.mark.parametrize("path", ["", "goto", "topic", "up", "fleet goto"])
+def test_on_a_terminal_long_lines_are_broken_below_their_beginning(
+    monkeypatch: pytest.MonkeyPatch, path: str
+):
+    piped = page(path)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setattr("os.get_terminal_size", lambda: os.terminal_size((60, 24)))
+    broken = page(path)
+    assert broken.split() == piped.split()
+    assert max(map(len, broken.splitlines())) <= 60 < max(map(len, piped.splitlines()))
 
 
 def test_the_version_is_printed(quadctl: Quadctl):

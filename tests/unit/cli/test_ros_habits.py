@@ -5,10 +5,10 @@ import shlex
 
 import pytest
 
-from quadctl.cli import fast_parser, typer_app
-from quadctl.cli.commands import COMMANDS, split
+from quadctl.cli import parser
+from quadctl.cli.commands import command
 from quadctl.cli.habits import INSTEAD, OPTIONS, translated
-from tests.support.command_line import Quadctl
+from tests.support.command_line import Quadctl, command_of
 
 WORKS = {
     "topic list": "topic list",
@@ -112,10 +112,7 @@ def test_there_are_enough_habits():
 
 @pytest.mark.parametrize("line", WORKS)
 def test_a_line_with_one_obvious_meaning_is_ours(line: str):
-    words = fast_parser.given(translated(shlex.split(line)))
-    assert split(words)[0] == WORKS[line]
-    if fast_parser.read(words) is None:
-        typer_app.read(words)
+    assert parser.read(translated(shlex.split(line))).command is command(WORKS[line])
 
 
 @pytest.mark.parametrize("line", NAMES)
@@ -127,9 +124,9 @@ def test_any_other_line_is_answered_with_the_command_to_type(quadctl: Quadctl, l
 
 def test_every_hint_names_commands_that_exist():
     for path in INSTEAD:
-        assert not split(path.split())[0], path
+        assert not command_of(path), path
     for path, hint in [*INSTEAD.items(), *OPTIONS.items()]:
         named = re.findall(r"`quadctl ([^`]+)`", hint)
         assert named, path
         for line in named:
-            assert split(shlex.split(line))[0] in COMMANDS or line.startswith("--"), (path, line)
+            assert command_of(line) or line.startswith("--"), (path, line)

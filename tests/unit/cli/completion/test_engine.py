@@ -2,11 +2,12 @@
 
 import os
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
-from quadctl.cli import commands, typer_app
+from quadctl.cli import commands
 from quadctl.cli.completion import engine
 from quadctl.cli.completion.engine import candidates
 from quadctl.cli.completion.shells import SCRIPTS, answer
@@ -119,8 +120,9 @@ def test_a_node_is_completed(begun: str, words: list[str]):
     assert matching(engine.node("safety", begun, "uav"), begun) == words
 
 
+INSTALLATION = "quadctl.cli.completion.installation"
 BREAKS = " \t\n\"'@><=;|&(:"
-COMMON = {"--realm", "--connect", "--identity", "--vehicle", "--timeout", "--json", "--help"}
+COMMON = {"--realm", "--connect", "--identity", "--vehicle", "--timeout", "--json", "-h", "--help"}
 
 
 def words(line: str) -> list[str]:
@@ -246,14 +248,16 @@ def test_other_shells_get_their_own_format(shell: str, line: str, expected: str)
     assert answer(environment) == expected
 
 
-def test_any_other_environment_is_left_to_typer():
-    assert answer({}) is answer({"_QUADCTL_COMPLETE": "source_bash"}) is None
+def test_any_other_request_is_left_to_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(os.environ, "_QUADCTL_COMPLETE", "complete_tcsh")
+    assert answer() is answer({}) is None
+    assert quadctl("init") == (1, "", "Shell tcsh not supported.\n")
 
 
 def test_typer_installs_our_scripts():
     from typer._completion_shared import get_completion_script
 
-    assert typer_app.build()
+    import_module(INSTALLATION)
     for shell in SCRIPTS:
         script = get_completion_script(
             prog_name="quadctl", complete_var="_QUADCTL_COMPLETE", shell=shell
@@ -265,9 +269,7 @@ def test_typer_installs_our_scripts():
 def test_completion_does_not_import_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(os.environ, "_QUADCTL_COMPLETE", "complete_bash")
     monkeypatch.setitem(os.environ, "COMP_WORDS", "quadctl cage o")
-    for name in [
-        name for name in sys.modules if name == "quadctl.cli.typer_app" or name.startswith("typer")
-    ]:
+    for name in [name for name in sys.modules if name == INSTALLATION or name.startswith("typer")]:
         monkeypatch.delitem(sys.modules, name)
     assert quadctl() == (0, "off\non\n", "")
     assert "typer" not in sys.modules

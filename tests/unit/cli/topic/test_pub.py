@@ -54,7 +54,7 @@ def test_minus_one_among_numbers_is_a_number(line: str, of):
         ("topic pub in/a x -t 2", "-t"),
         ("topic pub -1 --latch in/a x", "--latch"),
         ("service call goto 1 2 --bogus", "--bogus"),
-        ("service call --bogus=1 goto", "--bogus=1"),
+        ("service call --bogus=1 goto", "--bogus"),
         ("goto 1 -2 --bogus", "--bogus"),
         ("goto 1 -2 1 -w", "-w"),
         ("record --bogus", "--bogus"),
@@ -65,7 +65,7 @@ def test_an_unknown_option_is_not_taken_as_part_of_a_message(
 ):
     result = quadctl(*line.split(), "--json")
     assert (result.code, result.out) == (2, "")
-    assert result.error["message"] == f"No such option: {option}"
+    assert result.error["message"].partition(" (")[0] == f"No such option: {option}"
 
 
 @pytest.mark.parametrize("line", ["goto -1 -2.5 1e0", "topic pub a/b -1 -2", "topic pub a/b -- -x"])

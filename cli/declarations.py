@@ -65,6 +65,11 @@ class Parameter(Struct, frozen=True):
         """Return the name of a value in texts."""
         return self.declaration.metavar or self.name.upper()
 
+    @property
+    def shown_default(self) -> str:
+        """Return the default as texts show it; empty if there is none, or it goes without saying."""
+        return "" if self.type is bool or self.default is None else str(self.default)
+
     def is_left_out(self, line: list[str]) -> bool:
         """Return whether a line goes on without the value, which may be left out."""
         ending = getattr(self.declaration, "ending", "")

@@ -82,8 +82,7 @@ def _spelled(word: Parameter) -> str:
 
 def _explained(word: Parameter) -> str:
     least = getattr(word.declaration, "min", None)
-    known = word.type is not bool and word.default not in (None, "")
-    facts = [f"default: {word.default}"] if known else []
+    facts = [f"default: {word.shown_default}"] if word.shown_default else []
     facts += [f"x>={least}"] if least is not None else []
     facts += ["required"] if word.required else []
     return word.declaration.about + (f"  [{'; '.join(facts)}]" if facts else "")

@@ -54,8 +54,8 @@ def _word(word: Parameter) -> str:
 
 
 def _default(word: Parameter) -> str:
-    known = word.default not in (None, False, "", [])
-    return f" Default: {word.default}." if known and "default" not in word.declaration.about else ""
+    default = "" if "default" in word.declaration.about else word.shown_default
+    return f" Default: {default}." if default else ""
 
 
 def _table(rows: Any) -> list[str]:

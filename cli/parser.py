@@ -1,7 +1,7 @@
 """Parser of a command line, from the declarations of the commands.
 
-Importing Typer would take twice the time of a whole command. A line means what it means to Typer,
-except that a word such as `-1` is a number where a command takes numbers.
+Importing Typer takes 45 ms, more than all that `quadctl status` does. A line means what it means to
+Typer, except that a word such as `-1` is a number where a command takes numbers.
 """
 
 from collections.abc import Callable

@@ -83,7 +83,7 @@ def arguments(draw: st.DrawFn, path: str) -> list[str]:
 
 @st.composite
 def lines(draw: st.DrawFn) -> list[str]:
-    """Draw a line with options at every place of it, and change up to three of its words."""
+    """Draw a line with options at every place of it, and change up to two of its words."""
     path = draw(st.sampled_from(PLACES))
     names = path.split()
     line: list[str] = []

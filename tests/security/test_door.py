@@ -26,7 +26,7 @@ TLS = f"tls/127.0.0.1:{PORT}"
 
 @pytest.fixture(scope="module")
 def field() -> Iterator[Lab]:
-    """Two vehicles behind a door, and certificates of an operator, an observer and a student."""
+    """Two vehicles behind a door, and certificates of an operator, an observer and two students."""
     with private_lab() as lab:
         assert lab.quadctl("keys", "init").code == 0
         for line in (
@@ -34,6 +34,7 @@ def field() -> Iterator[Lab]:
             "operator anna",
             "observer eve",
             "student bob --vehicle uav0",
+            "student tom --vehicle uav0",
         ):
             assert lab.quadctl("keys", "issue", *line.split()).code == 0
         ipv6 = f"tls/[::1]:{PORT}"
@@ -154,6 +155,12 @@ def test_a_client_with_too_many_declarations_is_sent_away(field: Lab):
         assert ask(field, "hold --vehicle uav0").code == 0, "others may come"
         assert lost.try_recv() is None, "others stay"
     eventually(lambda: ask(field, "hold --vehicle uav0", "bob").code == 0)
+
+
+def test_a_key_that_would_fill_the_hubs_memory_gets_no_further_than_the_door(field: Lab):
+    with leaver(field, "chunks", 1, identity="tom", ready="declaring"):
+        eventually(lambda: "no key expression, or a long one" in field.log("gate"))
+    assert ask(field, "hold --vehicle uav0").code == 0
 
 
 @pytest.mark.prove

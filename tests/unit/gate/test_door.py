@@ -78,12 +78,16 @@ class Router:
         writer.close()
 
 
+def of_bob(keys: Path) -> ssl.SSLContext:
+    context = ssl.create_default_context(cafile=keys / "bob" / FLEET)
+    context.load_cert_chain(keys / "bob" / CERTIFICATE, keys / "bob" / KEY)
+    return context
+
+
 def test_a_name_has_no_more_links_than_its_limit_however_many_come_at_once(
     door: tuple[Door, int], keys: Path
 ):
-    context = ssl.create_default_context(cafile=keys / "bob" / FLEET)
-    context.load_cert_chain(keys / "bob" / CERTIFICATE, keys / "bob" / KEY)
-    behind = Router(door[0])
+    context, behind = of_bob(keys), Router(door[0])
 
     async def stay() -> None:
         """Come, and stay until sent away."""
@@ -113,6 +117,29 @@ def test_a_name_has_no_more_links_than_its_limit_however_many_come_at_once(
         return await asyncio.wait_for(rush(), DEADLINE)
 
     assert asyncio.run(in_time()) == behind.most == LINKS
+
+
+def test_an_unknown_protocol_ends_the_link(
+    door: tuple[Door, int], keys: Path, caplog: pytest.LogCaptureFixture
+):
+    behind = Router(door[0])
+
+    async def greet() -> bytes:
+        server = await behind.listen()
+        door[0].open(behind.port)
+        reader, writer = await asyncio.open_connection("127.0.0.1", door[1], ssl=of_bob(keys))
+        writer.write(b"\x05\x00\x01\x0a\x12\x07\x07")
+        try:
+            return await asyncio.wait_for(reader.read(), DEADLINE)
+        except ConnectionResetError:
+            return b""
+        finally:
+            writer.close()
+            server.close()
+
+    assert asyncio.run(greet()) == b""
+    assert "student.bob.00000002 sends no Zenoh 1.x" in caplog.text
+    assert "protocol 10 of Zenoh, not 9" in caplog.text
 
 
 def test_greetings_that_are_not_whole_cost_no_handshake(door: tuple[Door, int]):

@@ -354,18 +354,13 @@ strangers at the door: half-open connections by the thousand
     a_thousand_strangers_for_a_minute_delay_nobody
   = 1000 half-open connections
 a client that declares very much, and leaves
-  a name may declare a limited number; others' messages are not delayed
+  a name may declare a limited number, of short keys; others' messages are not delayed
   - unit/gate/wire: each_declaration_counts_until_it_is_withdrawn
+    no_declaration_hides_in_an_extension a_number_stands_for_one_declaration
   - security/door: a_client_with_too_many_declarations_is_sent_away
+    a_key_that_would_fill_the_hubs_memory_gets_no_further_than_the_door
     who_leaves_delays_no_pose_by_50_ms
   = a client leaves with all
-a member whose keys or messages no Zenoh client would send
-  the door ends the link before a router has seen them, and refuses a protocol that it does not know
-  - unit/gate/wire: only_what_zenoh_takes_for_a_key_expression_is_let_through
-    a_number_stands_for_one_declaration no_declaration_hides_in_an_extension
-    this_zenoh_speaks_the_protocol_that_is_read
-  - unit/gate/door: an_unknown_protocol_ends_the_link
-  - security/door: a_key_that_would_fill_the_hubs_memory_gets_no_further_than_the_door
 many vehicles start on a busy machine
   the start has as long as it makes progress, and says how far it is
   - supervisor/vehicles: a_start_that_takes_long_says_how_far_it_is

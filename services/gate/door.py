@@ -38,7 +38,10 @@ _MOST_LINKS = 64
 """Connections of one name."""
 _MOST_DECLARED = 1000
 """Cost of what one name may have declared at a time, for each of its vehicles (see wire.py). The
-router takes 25 ms to forget it, and delays all messages meanwhile. Our own nodes need 150."""
+router takes at most 40 ms to forget it, and delays all messages meanwhile. Our own nodes need 150."""
+_MOST_ASKED = 5000
+"""Wildcards in one name's interests, e.g. its questions for live nodes: 4 for each vehicle. A router
+never forgets one, and 5000 that match one another take 280 MB."""
 _BARRED = 10.0
 """Seconds for which a name with too many is not let in: it would declare them again at once."""
 _KEPT_WAITING = 0.5
@@ -352,6 +355,8 @@ class _Link:
             why = f"sends no Zenoh 1.x, or a packed form ({problem})"
         if not self._declared.spend(self.name, self._declarations.cost - before):
             why = "declares too many subscribers, queryables and tokens"
+        if not self._declared.remember(self.name, self._declarations.asked):
+            why = "has asked with too many wildcards"
         if why:
             self._declared.bar(self.name)
             _log.warning("%s %s: sent away", self.name.common_name, why)
@@ -373,6 +378,7 @@ class Budget:
 
     def __init__(self) -> None:
         self._spent: Counter[str] = Counter()
+        self._asked: dict[str, set[bytes]] = {}
         self._barred: dict[str, float] = {}
 
     def spend(self, name: Name, cost: int) -> bool:
@@ -380,6 +386,15 @@ class Budget:
         common = name.common_name
         self._spent[common] += cost
         return self._spent[common] <= _MOST_DECLARED * len(name.vehicles)
+
+    def remember(self, name: Name, asked: set[bytes]) -> bool:
+        """Add wildcards that were asked, and empty the set; return whether all are within the limit."""
+        if not asked:
+            return True
+        known = self._asked.setdefault(name.common_name, set())
+        known |= asked
+        asked.clear()
+        return len(known) <= _MOST_ASKED
 
     def bar(self, name: Name) -> None:
         """Keep a name out for the next seconds."""

@@ -139,7 +139,8 @@ SHAPES = {
     "subscribers": 480,
     "queryables": 480,
     "tokens": 480,
-    "wildcards": 100,
+    "wildcards": 50,
+    "stars": 50,
 }
 """Declarations within a certificate's limit."""
 

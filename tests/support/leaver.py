@@ -15,6 +15,7 @@ def main(endpoint: str, identity: Path, kind: str, count: int) -> None:
             "queryables": lambda n: client.declare_queryable(f"uav0/own/x{n}", print),
             "tokens": lambda n: client.liveliness().declare_token(f"uav0/@node/own-{n}"),
             "wildcards": lambda n: client.declare_subscriber(f"uav0/**/x{n}/**", print),
+            "stars": lambda n: client.declare_subscriber(f"uav0/own/$*a$*b{n}$*", print),
             "chunks": lambda n: client.declare_subscriber("uav0/own" + 10_000 * "/a", print),
         }
         print("declaring", flush=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from quadctl.services.gate.door import Door
+from quadctl.services.gate.door import Budget, Door
 from quadctl.services.runtime import procfs
 from quadctl.services.runtime.bus.session import free_port
 from quadctl.services.runtime.security.authority import Authority
@@ -117,6 +117,14 @@ def test_a_name_has_no_more_links_than_its_limit_however_many_come_at_once(
         return await asyncio.wait_for(rush(), DEADLINE)
 
     assert asyncio.run(in_time()) == behind.most == LINKS
+
+
+def test_wildcards_that_were_asked_are_counted_once_and_for_ever():
+    budget = Budget()
+    assert budget.remember(BOB, {b"uav0/%d/*" % number for number in range(5000)})
+    assert budget.remember(BOB, {b"uav0/0/*"}), "asked before, perhaps on another link"
+    assert not budget.remember(BOB, {b"uav0/x/*"})
+    assert budget.remember(HUB, {b"uav0/x/*"})
 
 
 def test_an_unknown_protocol_ends_the_link(

@@ -2,8 +2,9 @@
 
 No interceptor of Zenoh 1.10 counts. `access_control` permits each subscriber, queryable and token by
 its key, and a user's own keys have no end; keys and interests in publishers' subscribers pass without
-a rule. `downsampling`, `low_pass_filter` and `qos` read data and queries only. For what that costs
-the others see docs/explanation/security.md.
+a rule. `downsampling`, `low_pass_filter` and `qos` read data and queries only. By 20 000 declarations
+one client stopped all others for 7 to 18 s, by one of a malformed key for good; with this count for
+42 ms (docs/explanation/security.md).
 
 Zenoh's protocol 9 (1.x), without compression or shared memory: a stream of batches, each with
 its length; in a batch transport and network messages, told apart by the lower five bits of their

@@ -3,8 +3,8 @@
 No interceptor of Zenoh 1.10 counts. `access_control` permits each subscriber, queryable and token by
 its key, and a user's own keys have no end; keys and interests in publishers' subscribers pass without
 a rule. `downsampling`, `low_pass_filter` and `qos` read data and queries only. By 20 000 declarations
-one client stopped all others for 7 to 18 s, by one of a malformed key for good; with this count for
-42 ms (docs/explanation/security.md).
+one client stopped all others for 7 to 18 s, and by one malformed key every new client for good. With
+this module it took 42 ms (docs/explanation/security.md).
 
 Zenoh's protocol 9 (1.x), without compression or shared memory: a stream of batches, each with
 its length; in a batch transport and network messages, told apart by the lower five bits of their
@@ -34,8 +34,8 @@ _EXPRESSION = re.compile(
     rb"(?!.{1025}|.*(\*\*/\*|\$\*\$))%b(/%b){0,31}" % (_CHUNK, _CHUNK), re.DOTALL
 )
 """Key expressions in canonical form, of at most 32 chunks and 1024 bytes. Zenoh stores any other as
-well. Its router panics when it compares a malformed one with the next key, and then passes nothing;
-one of 10 000 chunks takes 140 MB, also in the hub, and may overflow the stack of who forgets it."""
+well. Its router panics when it compares a malformed one with the next key, and then serves nobody new;
+one of 10 000 chunks takes 140 MB, also in the hub, and a router may overflow its stack to forget it."""
 _WILD = 16
 """Cost of a declaration with a wildcard. When declarations match one another, the time in which a
 router forgets them grows with the third power of their number: 1000 took 3.3 s, 62 take 2 ms."""

@@ -191,7 +191,7 @@ def test_what_cannot_be_read_is_refused(body: bytes):
 
 @given(st.text("a/*$#?@%", max_size=8))
 def test_only_what_zenoh_takes_for_a_key_expression_is_let_through(name: str):
-    """A router that has stored any other key panics at the next one, and passes nothing any more."""
+    """A router that has stored any other key panics at the next one, and serves nobody new."""
     try:
         zenoh.KeyExpr(name)
     except zenoh.ZError:

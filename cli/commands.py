@@ -4,6 +4,9 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
+from quadctl.cli.context import COMMON
+from quadctl.cli.declarations import Option, Parameter, words_of
+
 Command = Callable[..., None]
 
 COMMANDS = {
@@ -122,3 +125,27 @@ def inside(group: str) -> dict[str, str]:
 def meaning(path: str) -> str:
     """Return the meaning of a command or group in one line."""
     return GROUPS.get(path) or (command(path).__doc__ or "").partition("\n")[0]
+
+
+def _option(name: str, about: str, type_: type = bool, names: tuple[str, ...] = ()) -> Parameter:
+    return Parameter(name, type_, Option(about, names))
+
+
+COMMON_WORDS = [_option(name, about, type_) for name, (type_, about) in COMMON.items()]
+"""Options of every command."""
+_HELP = _option("help", "Show this message and exit.", names=("-h", "--help"))
+_FIRST = [
+    _option("version", "Print the version and exit."),
+    *COMMON_WORDS,
+    _option("install_completion", "Install completion for the current shell."),
+    _option(
+        "show_completion",
+        "Show completion for the current shell, to copy it or customize the installation.",
+    ),
+]
+
+
+def words_at(path: str) -> list[Parameter]:
+    """Return the words that a command or group takes, or without a path those before a command."""
+    own = words_of(command(path)) if path in COMMANDS else []
+    return [*own, *(COMMON_WORDS if path else _FIRST), _HELP]

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 
 from quadctl.cli import commands
 from quadctl.cli.declarations import Parameter
-from quadctl.cli.parser import words_at
 
 ABOUT = "Fly the quadrotor lab: separate processes over Zenoh, a safety cage, two services."
 EXITS = (
@@ -38,7 +37,7 @@ def _filled(first: str, text: str, width: int) -> str:
 
 
 def _lines(path: str) -> Iterator[Row]:
-    words, is_command = words_at(path), path in commands.COMMANDS
+    words, is_command = commands.words_at(path), path in commands.COMMANDS
     placed = [word for word in words if not word.is_option]
     usage = [*map(_in_usage, placed)] if is_command else ["COMMAND [ARGS]..."]
     yield f"Usage: {f'quadctl {path}'.rstrip()} ", " ".join(["[OPTIONS]", *usage])

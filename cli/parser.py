@@ -8,41 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 from quadctl.cli import commands, output
-from quadctl.cli.context import COMMON
-from quadctl.cli.declarations import (
-    Option,
-    Parameter,
-    ParsedCommand,
-    is_number,
-    takes_signed,
-    words_of,
-)
+from quadctl.cli.declarations import Parameter, ParsedCommand, is_number, takes_signed
 from quadctl.services.runtime.errors import UsageError
 
-
-def _option(name: str, about: str, type_: type = bool, names: tuple[str, ...] = ()) -> Parameter:
-    return Parameter(name, type_, Option(about, names))
-
-
-_COMMON = [_option(name, about, type_) for name, (type_, about) in COMMON.items()]
-_HELP = _option("help", "Show this message and exit.", names=("-h", "--help"))
-_FIRST = [
-    _option("version", "Print the version and exit."),
-    *_COMMON,
-    _option("install_completion", "Install completion for the current shell."),
-    _option(
-        "show_completion",
-        "Show completion for the current shell, to copy it or customize the installation.",
-    ),
-]
 _ACTIONS = {"help", "version", "install_completion", "show_completion"}
 """Options that are carried out in place of a command."""
-
-
-def words_at(path: str) -> list[Parameter]:
-    """Return the words that a command or group takes, or without a path those before a command."""
-    own = words_of(commands.command(path)) if path in commands.COMMANDS else []
-    return [*own, *(_COMMON if path else _FIRST), _HELP]
 
 
 def read(words: list[str]) -> ParsedCommand:
@@ -54,7 +24,11 @@ def read(words: list[str]) -> ParsedCommand:
         for name in level.given:
             if name in _ACTIONS:
                 _act(path, name, as_json="json" in level.given)
-        common |= {word.name: level.value(word) for word in _COMMON if word.name in level.given}
+        common |= {
+            word.name: level.value(word)
+            for word in commands.COMMON_WORDS
+            if word.name in level.given
+        }
         if level.is_command:
             return ParsedCommand(commands.command(path), common, level.own_values())
         if not path and level.placed == ["help"]:
@@ -98,7 +72,7 @@ class _Level:
         self.is_command = path in commands.COMMANDS
         self.given: dict[str, list[str]] = {}  # texts of the options, by the name of the word
         self.placed: list[str] = []  # a command's other words, or the name of what a group has
-        self._words = words_at(path)
+        self._words = commands.words_at(path)
         self._named = {name: word for word in self._words if word.is_option for name in word.names}
         self._take(line)
 
@@ -156,7 +130,7 @@ class _Level:
 
     def own_values(self) -> dict[str, Any]:
         """Return the values of the command's own words; raise UsageError."""
-        own = self._words[: -len(_COMMON) - 1]
+        own = self._words[: -len(commands.COMMON_WORDS) - 1]
         for word in own:
             if not word.is_option:
                 count = len(self.placed) if word.many else 1

@@ -11,7 +11,6 @@ import msgspec
 from quadctl.cli import commands, context, names as known
 from quadctl.cli.context import COMMON, Options, options_of
 from quadctl.cli.declarations import Names, Parameter, takes_signed, words_of
-from quadctl.cli.parser import words_at
 from quadctl.parameters import RunningParams
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.params import Params
@@ -226,7 +225,7 @@ def _files(begun: str) -> Iterator[str]:
 
 
 def _options(path: str) -> Iterator[Found]:
-    for word in words_at(path):
+    for word in commands.words_at(path):
         if word.is_option:
             yield from (Found(name, word.declaration.about) for name in word.names)
 

@@ -11,11 +11,10 @@ import msgspec
 from msgspec import Struct
 
 from quadctl import cli, schemas, services
-from quadctl.cli.commands import ALIASES, COMMANDS, inside
+from quadctl.cli.commands import ALIASES, COMMANDS, inside, words_at
 from quadctl.cli.context import COMMON
 from quadctl.cli.declarations import Parameter
 from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
-from quadctl.cli.parser import words_at
 from quadctl.schemas import digests
 from quadctl.schemas.keyexpr import EndpointInfo, endpoint_key, node_key
 from quadctl.schemas.services import Call, Error

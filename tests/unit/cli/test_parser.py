@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import event, given, settings
-from hypothesis import strategies as st
+from hypothesis import event, given, settings, strategies as st
 
 from quadctl.cli import commands, parser
 from quadctl.cli.declarations import Parameter, ParsedCommand
@@ -23,7 +22,7 @@ LEFT_TO_TYPER = {"install_completion", "show_completion"}
 
 
 def options(path: str) -> list[Parameter]:
-    words = parser.words_at(path)
+    words = commands.words_at(path)
     return [word for word in words if word.is_option and word.name not in LEFT_TO_TYPER]
 
 
@@ -74,7 +73,7 @@ def spelled(name: str, values: list[str], joined: bool) -> list[str]:
 def arguments(draw: st.DrawFn, path: str) -> list[str]:
     """Draw the words of a command that are no options."""
     texts: list[str] = []
-    for word in parser.words_at(path):
+    for word in commands.words_at(path):
         if not word.is_option:
             least, most = int(word.required), 3 if word.many else 1
             texts += draw(st.lists(VALUES[word.type], min_size=least, max_size=most))

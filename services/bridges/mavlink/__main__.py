@@ -42,9 +42,18 @@ class MavlinkBridge:
         number = len(self._systems) + 1
         if number > _MOST:
             raise UsageError(f"MAVLink has numbers for {_MOST} vehicles", "name some by --vehicle")
-        services = MavlinkVehicle(node)
-        system = MavlinkSystem(services, self._origin, self._link.sender(number), node.log)
-        self._systems[number] = services.system = system
+        send, poses = self._link.sender(number), list[Subscription[Any]]()
+
+        def listen(every: bool) -> None:
+            if poses and not every:
+                node.unlisten(poses.pop())
+            elif every and not poses:
+                poses.append(node.listen(POSE, system.see))
+
+        system = self._systems[number] = MavlinkSystem(
+            BridgedVehicle(node), lambda every: node.post(partial(listen, every)),
+            self._origin, send, node.log,
+        )  # fmt: skip
         node.listen(POSE_SLOW, system.see)
         node.listen(STATE, system.see)
         system.learn_start()
@@ -62,24 +71,6 @@ class MavlinkBridge:
         now = time.monotonic()
         for system in tuple(self._systems.values()):
             system.tick(now)
-
-
-class MavlinkVehicle(BridgedVehicle):
-    """Services of one vehicle, and its poses as its system needs them."""
-
-    system: MavlinkSystem
-    _poses: Subscription[Any] | None = None
-
-    def watch(self, *, every_pose: bool) -> None:
-        """Take all poses, or only the slow ones."""
-        self.node.post(partial(self._listen, every_pose=every_pose))
-
-    def _listen(self, *, every_pose: bool) -> None:
-        if not every_pose and self._poses is not None:
-            self.node.unlisten(self._poses)
-            self._poses = None
-        elif every_pose and self._poses is None:
-            self._poses = self.node.listen(POSE, self.system.see)
 
 
 if __name__ == "__main__":

@@ -37,8 +37,7 @@ from quadctl.services.bridges.mavlink.telemetry import (
     attitude,
     turned,
 )
-from quadctl.services.bridges.mavlink.transfers import Peer, PlanKind
-from quadctl.services.bridges.mavlink.upload import PlanUpload
+from quadctl.services.bridges.mavlink.transfers import Peer, PlanKind, PlanUpload
 from quadctl.services.runtime.goal_latch import GoalLatch
 
 POSE_HZ = 50.0

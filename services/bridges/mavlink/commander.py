@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 from msgspec import Struct, to_builtins
 from msgspec.structs import replace
@@ -18,6 +18,7 @@ from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.services import GotoRequest
 from quadctl.schemas.typed import converted
 from quadctl.schemas.zones import ZoneParams
+from quadctl.services.bridges.base import BridgedVehicle
 from quadctl.services.bridges.mavlink.pilot import Errand, Pilot
 from quadctl.services.bridges.mavlink.plan import (
     Flyer,
@@ -42,7 +43,6 @@ from quadctl.services.bridges.mavlink.telemetry import (
 )
 from quadctl.services.bridges.mavlink.transfers import PlanKind
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, Unreachable
-from quadctl.services.runtime.params.remote import RemoteParams
 
 Send = Callable[[Any], None]
 _TARGET_AGE = 1.0
@@ -52,27 +52,6 @@ _ACTIVE: int = mavlink.MISSION_STATE_ACTIVE
 _PAUSED: int = mavlink.MISSION_STATE_PAUSED
 _COMPLETE: int = mavlink.MISSION_STATE_COMPLETE
 _NOT_STARTED: int = mavlink.MISSION_STATE_NOT_STARTED
-
-
-class VehicleServices(Protocol):
-    """Services of the vehicle; all methods block, and raise QuadctlError."""
-
-    parameters: RemoteParams
-
-    def fly(self, goal: GotoRequest) -> None:
-        """Request a goal from safety; raise Refused with its reason."""
-
-    def hold(self) -> None:
-        """Stop the vehicle."""
-
-    def toggle_cage(self, *, on: bool) -> None:
-        """Turn the cage on or off."""
-
-    def calibrate(self) -> float:
-        """Zero the barometer; return its baseline, hPa."""
-
-    def watch(self, *, every_pose: bool) -> None:
-        """Take all poses, or only the slow ones."""
 
 
 class Unsupported(Exception):
@@ -100,7 +79,7 @@ class Commander:
 
     def __init__(
         self,
-        services: VehicleServices,
+        services: BridgedVehicle,
         origin: Origin,
         send: Send,
         show: Callable[[str, str], None],

@@ -17,13 +17,12 @@ from pymavlink.dialects.v20 import common as mavlink
 from quadctl.schemas.earth import Origin
 from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.topics import POSE_SLOW
-from quadctl.services.bridges.base import AGE, RequestQueue
+from quadctl.services.bridges.base import AGE, BridgedVehicle, RequestQueue
 from quadctl.services.bridges.mavlink import parameters
 from quadctl.services.bridges.mavlink.commander import (
     Commander,
     Send,
     Unsupported,
-    VehicleServices,
     number,
 )
 from quadctl.services.bridges.mavlink.plan import NOWHERE, PlanItem, point_of
@@ -62,12 +61,22 @@ Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 
 
 class MavlinkSystem:
-    """Vehicle in the form of a PX4. `send` takes messages for all ground stations, from any thread."""
+    """Vehicle in the form of a PX4. `send` takes messages for all ground stations, from any thread.
 
-    def __init__(self, services: VehicleServices, origin: Origin, send: Send, log: Log) -> None:
-        self._services, self._send, self._log = services, send, log
+    `watch` is called with whether it wants all poses, or only the slow ones.
+    """
+
+    def __init__(
+        self,
+        vehicle: BridgedVehicle,
+        watch: Callable[[bool], None],
+        origin: Origin,
+        send: Send,
+        log: Log,
+    ) -> None:
+        self._parameters, self._watch, self._send, self._log = vehicle.parameters, watch, send, log
         self._origin = origin
-        self._commander = Commander(services, origin, send, self._show_once)
+        self._commander = Commander(vehicle, origin, send, self._show_once)
         self._transfers = Transfers(self._commander)
         self._boot, self._seen = "", 0.0
         self._shown = (0, False)
@@ -251,7 +260,7 @@ class MavlinkSystem:
         bounded = min(max(interval, _SHORTEST), _LONGEST)
         self._intervals[name] = bounded if interval > 0 else -1.0
         shortest = min((each for each in self._intervals.values() if each > 0), default=_SLOW)
-        self._services.watch(every_pose=shortest < _SLOW)
+        self._watch(shortest < _SLOW)
         self._due[name] = 0.0
 
     def _get_interval(self, item: PlanItem) -> None:
@@ -271,7 +280,7 @@ class MavlinkSystem:
             self._send_parameter(each, len(found), index)
 
     def _table(self) -> list[parameters.MavlinkParameter]:
-        return parameters.table(self._services.parameters.read(AGE))
+        return parameters.table(self._parameters.read(AGE))
 
     def _send_parameter(self, each: parameters.MavlinkParameter, count: int, index: int) -> None:
         name = each.name.encode()
@@ -296,13 +305,13 @@ class MavlinkSystem:
         own = next((each.own for each in self._table() if each.name == name), "")
         if not own:
             raise Invalid(f"there is no parameter {name}")
-        services = self._services.parameters
+        ours = self._parameters
         try:
-            services.set({own: parameters.decoded(type_, value, services.get(own))})
+            ours.set({own: parameters.decoded(type_, value, ours.get(own))})
         except QuadctlError as problem:
             self._show_text(f"{name}: {problem.message}")
         # The ground station compares the present value with its own.
-        services.forget()
+        ours.forget()
         self._read_parameter(name, -1)
 
     def _take_file_request(self, m: Any, peer: Peer) -> None:

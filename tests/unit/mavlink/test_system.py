@@ -66,7 +66,8 @@ class Rig:
         self.faults: list[logging.LogRecord] = []
         log = logging.getLogger(f"rig {id(self)}")
         log.addHandler(_Keep(self.faults))
-        self.system = MavlinkSystem(self, Origin(), self._send, log)
+        vehicle: Any = self
+        self.system = MavlinkSystem(vehicle, self.watch, Origin(), self._send, log)
         self._number, self.boot = 0, "a"
         self.place = Position(0.0, 0.0, 1.0)
         self.goal, self.request = self.place, 0
@@ -116,7 +117,7 @@ class Rig:
         self.orders.append("calibrate")
         return 0.0
 
-    def watch(self, *, every_pose: bool) -> None:
+    def watch(self, every_pose: bool) -> None:
         self.orders.append(every_pose)
 
     def reset(self) -> None:

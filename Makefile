@@ -28,7 +28,7 @@ unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
 # Without bytecode each process of the tests would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-rest test-all prove check docs machines lock clean
+.PHONY: demo test test-rest test-all prove accept check docs machines lock clean
 
 demo: $(DEMO_READY)
 	$(VENV)/bin/quadctl demo
@@ -51,6 +51,9 @@ prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md
 	$(RUN) -m pytest -m "hypothesis and not prove" --hypothesis-profile explore --numprocesses $(WORKERS)
 	$(RUN) -m pytest -m "prove and alone" --durations 0
 	$(RUN) -m pytest -m "prove and not alone" --durations 0 --numprocesses 3 --dist load --maxschedchunk 1
+
+accept: $(READY)  ## What follows from changed declarations, element by element; WRITE=1 writes it.
+	$(RUN) -m tests.golden.accept $(if $(WRITE),--write)
 
 docs: $(READY)  ## The book, in build/book.
 	$(RUN) -m docs.book

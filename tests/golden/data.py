@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 FOLDER = Path(__file__).parent / "data"
+HOW = "if this is intended: `make accept` shows all that follows, `make accept WRITE=1` writes it"
+"""Remark of each test that finds something stale."""
 
 
 def read(name: str) -> Any:
@@ -13,7 +15,7 @@ def read(name: str) -> Any:
 
 
 def write(name: str, content: Any) -> None:
-    """Write a recorded file; called only by `python -m tests.golden.write`."""
+    """Write a recorded file; called only by `make accept` and `python -m tests.golden.write`."""
     text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
     (FOLDER / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 

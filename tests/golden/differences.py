@@ -1,5 +1,7 @@
 """Differences of two documents as lines of text."""
 
+from collections.abc import Iterator
+from difflib import SequenceMatcher
 from typing import Any
 
 
@@ -14,11 +16,21 @@ def differences(recorded: Any, found: Any, path: str = "") -> list[str]:
             if name in found:
                 lines += differences(recorded[name], found[name], f"{path}/{name}")
         return lines
-    if isinstance(recorded, list) and isinstance(found, list) and len(recorded) == len(found):
-        return [
-            line
-            for number, (one, other) in enumerate(zip(recorded, found, strict=True))
-            for line in differences(one, other, f"{path}/{number}")
-        ]
+    if isinstance(recorded, list) and isinstance(found, list):
+        return [*_of_lists(recorded, found, path)]
     same = recorded == found and type(recorded) is type(found)
     return [] if same else [f"{path}: was {recorded!r}, now it is {found!r}"]
+
+
+def _of_lists(recorded: list[Any], found: list[Any], path: str) -> Iterator[str]:
+    """Yield the elements that are missing or new, and the differences of those in the same place."""
+    old, new = ([repr(each) for each in side] for side in (recorded, found))
+    for _, a, b, c, d in SequenceMatcher(None, old, new, autojunk=False).get_opcodes():
+        if b - a == d - c:
+            for number in range(b - a):
+                yield from differences(
+                    recorded[a + number], found[c + number], f"{path}/{a + number}"
+                )
+            continue
+        yield from (f"{path}/{n}: {old[n]} is missing" for n in range(a, b))
+        yield from (f"{path}/{n}: {new[n]} is new" for n in range(c, d))

@@ -10,13 +10,12 @@ from tests.golden.contract import DOCUMENTS
 from tests.golden.differences import differences
 
 ENCODED, MESSAGES = data.read("encoded"), data.read("messages")
-AGAIN = "if this is intended: `python -m tests.golden.write {}`, and a line in CHANGELOG.md"
 
 
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_the_contract_is_as_recorded(name: str):
     found = differences(data.read(name), data.plain(DOCUMENTS[name]()))
-    assert not found, "\n".join([f"data/{name}.json:", *found, AGAIN.format(name)])
+    assert not found, "\n".join([f"data/{name}.json:", *found, data.HOW])
 
 
 @pytest.mark.parametrize("name", ENCODED["types"])

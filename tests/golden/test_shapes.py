@@ -14,4 +14,4 @@ def test_json_output_has_the_recorded_shapes():
     with private_lab() as lab:
         found = shapes.gather(lab)
     told = differences(data.read("shapes"), data.plain(found))
-    assert not told, "\n".join(told)
+    assert not told, "\n".join([*told, data.HOW])

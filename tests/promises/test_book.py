@@ -10,6 +10,7 @@ import pytest
 
 from docs.book import ROOT, build, pages, render
 from docs.draw import PAGES, PICTURES, drawn
+from tests.golden.data import HOW
 
 
 def contents(entries: list[dict[str, Any]]) -> Iterator[str]:
@@ -26,12 +27,12 @@ def test_every_page_is_in_the_contents_once():
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_table_is_that_of_the_declarations(page: Path):
-    assert drawn(page) == page.read_text("utf-8"), "`python -m docs.draw` writes it again"
+    assert drawn(page) == page.read_text("utf-8"), HOW
 
 
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda picture: picture.name)
 def test_a_picture_is_that_of_the_declarations(picture: Path):
-    assert PICTURES[picture]() == picture.read_text("utf-8"), "`python -m docs.draw` draws it again"
+    assert PICTURES[picture]() == picture.read_text("utf-8"), HOW
 
 
 @pytest.mark.thorough

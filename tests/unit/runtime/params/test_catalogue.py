@@ -16,6 +16,7 @@ from quadctl.schemas.typeinfo import bounds_text
 from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.load import load
 from quadctl.services.runtime.params.names import flatten, value_of
+from tests.golden.data import HOW
 from tests.support.declared_types import bare, fields
 
 
@@ -95,7 +96,7 @@ def test_the_file_has_every_parameter_below_its_meaning(name: str):
 
 
 def test_the_file_is_what_init_writes():
-    assert catalogue.render() == DEFAULTS
+    assert catalogue.render() == DEFAULTS, HOW
 
 
 def test_the_file_has_exactly_the_declared_parameters():

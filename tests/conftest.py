@@ -120,7 +120,8 @@ def pytest_collection_finish() -> None:
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
-    if left_out := config.stash[LEFT_OUT]:
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.keyword
+    if whole and (left_out := config.stash[LEFT_OUT]):
         terminalreporter.section("NOT TESTED", yellow=True, bold=True)
         for line in abilities.report(left_out):
             terminalreporter.write_line(line)

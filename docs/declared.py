@@ -9,7 +9,7 @@ from msgspec import inspect
 from quadctl.cli.commands import ALIASES, COMMANDS, GROUPS, command
 from quadctl.cli.context import COMMON
 from quadctl.cli.declarations import Parameter, words_of
-from quadctl.schemas.topics import SERVICES, TOPICS
+from quadctl.schemas.topics import SERVICES, TOPICS, Topic
 from quadctl.schemas.typeinfo import bounds_text, definition, service_definition
 from quadctl.services.runtime import errors
 from quadctl.services.runtime.params import catalogue
@@ -102,6 +102,37 @@ def exit_codes() -> str:
         lines.append(f"| {error.exit_code} | `{error.code}` | `{error.__name__}` | {about} |")
     lines += ["| 8 | | | A command that looks for faults has found one. |", "| 130 | | | Ctrl-C. |"]
     return "\n".join(lines) + "\n"
+
+
+def keys() -> str:
+    """Return the table of the keys of a vehicle, here `uav`."""
+    rows = [
+        (
+            f"`{topic.key('uav')}`",
+            topic.type.__name__,
+            topic.node or "anyone",
+            _rate(topic),
+            topic.doc,
+        )
+        for topic in TOPICS
+    ]
+    rows += [
+        (f"`{service.key('uav')}`", service.type_name, service.node, "", service.doc)
+        for service in SERVICES
+    ]
+    rows += [
+        ("`uav/@srv/NODE/get_params`, `set_params`", "GetParams, SetParams", "every node", "", ""),
+        ("`uav/@call/SERVICE`", "Called", "the server", "", "An executed call and its outcome."),
+    ]
+    head = ["| key | type | from | rate | |", "|---|---|---|---|---|"]
+    return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
+
+
+def _rate(topic: Topic[Any]) -> str:
+    rate = f"{topic.hz:g} Hz" if topic.hz else ""
+    if topic.latched:
+        return f"on change{f', and {rate}' if rate else ''}; `get` returns the last one"
+    return rate
 
 
 def types() -> str:

@@ -14,6 +14,7 @@ PAGES: dict[Path, Callable[[], str]] = {
     _DOCS / "explanation" / "safety.md": lambda: f"{words()}\n\n{table()}\n",
     _DOCS / "reference" / "commands.md": declared.commands,
     _DOCS / "reference" / "exit-codes.md": declared.exit_codes,
+    _DOCS / "reference" / "keys-and-types.md": declared.keys,
     _DOCS / "reference" / "parameters.md": declared.parameters,
     _DOCS / "reference" / "types.md": declared.types,
     PROMISES: promises,

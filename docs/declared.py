@@ -9,6 +9,7 @@ from msgspec import inspect
 from quadctl.cli.commands import ALIASES, COMMANDS, GROUPS, command
 from quadctl.cli.context import COMMON
 from quadctl.cli.declarations import Parameter, words_of
+from quadctl.cli.fault.catalogue import FAULTS
 from quadctl.schemas.topics import SERVICES, TOPICS, Topic
 from quadctl.schemas.typeinfo import bounds_text, definition, service_definition
 from quadctl.services.runtime import errors
@@ -125,6 +126,16 @@ def keys() -> str:
         ("`uav/@call/SERVICE`", "Called", "the server", "", "An executed call and its outcome."),
     ]
     head = ["| key | type | from | rate | |", "|---|---|---|---|---|"]
+    return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
+
+
+def faults() -> str:
+    """Return the table of the faults that can be injected, with the parameters that cause them."""
+    rows = [
+        (f"`{each.name}`", each.about, f"`{each.parameter}`", f"`{each.size}`" if each.size else "")
+        for each in FAULTS
+    ]
+    head = ["| fault | effect | parameter | SIZE |", "|---|---|---|---|"]
     return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
 
 

@@ -12,6 +12,7 @@ _DOCS = Path(__file__).parent
 PROMISES = _DOCS / "promises.md"
 PAGES: dict[Path, Callable[[], str]] = {
     _DOCS / "explanation" / "safety.md": lambda: f"{words()}\n\n{table()}\n",
+    _DOCS / "how-to" / "faults-and-wind.md": declared.faults,
     _DOCS / "reference" / "commands.md": declared.commands,
     _DOCS / "reference" / "exit-codes.md": declared.exit_codes,
     _DOCS / "reference" / "keys-and-types.md": declared.keys,

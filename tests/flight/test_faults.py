@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from quadctl.cli.fault.catalogue import FAULTS
 from tests.support import telemetry
 from tests.support.bare import Bare, speed
 from tests.support.lab import PATIENT, Lab, private_lab
@@ -83,6 +84,16 @@ def test_a_fault_takes_its_size_in_one_command_and_loses_it_when_cleared(
         refused = faulty.quadctl("fault", "inject", *line.split())
         assert (refused.code, what in refused.err) == (code, True), refused
     assert faulty.quadctl("param", "get", *names).out == before
+
+
+@pytest.mark.thorough
+def test_every_fault_of_the_table_is_injected_shown_and_cleared(faulty: Lab, healthy: Bare):
+    for fault in FAULTS:
+        assert faulty.quadctl("fault", "inject", fault.name).code == 0
+        assert faulty.quadctl("status", "--json").json["faults"] == [f"uav {fault.name}"]
+        assert faulty.quadctl("param", "get", fault.parameter).out == f"{fault.value}\n"
+        assert faulty.quadctl("fault", "clear", "--json").json == {"cleared": [fault.name]}
+        assert faulty.quadctl("param", "get", fault.parameter).out == f"{fault.sound}\n"
 
 
 @pytest.mark.thorough

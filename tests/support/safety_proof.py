@@ -36,7 +36,7 @@ Assumptions:
 Over 500 lines: the clauses, the events and the calls are one argument, to be read as a whole.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from functools import partial
@@ -46,6 +46,7 @@ from typing import Any, NamedTuple
 
 import pytest
 import z3
+from msgspec import Struct
 from msgspec.structs import asdict, astuple, replace
 
 from quadctl.schemas.messages import CageSize, Pose, Position
@@ -97,6 +98,21 @@ class Failure(NamedTuple):
 
     clause: str
     values: tuple[Any, ...]
+
+    def __str__(self) -> str:
+        """Return it as a story: the promise that breaks, then each value with its fields."""
+        lines = [f"broken: {self.clause}"]
+        for value in self.values:
+            lines.append(f"  {type(value).__name__}" if isinstance(value, Struct) else f"  {value}")
+            if isinstance(value, Struct):
+                fields = value.__struct_fields__
+                lines += [f"    {name}: {getattr(value, name)!r}" for name in fields]
+        return "\n".join(lines)
+
+
+def story(failures: Iterable[Failure]) -> str:
+    """Return the counterexamples one after the other, whole; empty if there is none."""
+    return "\n\n".join(map(str, failures))
 
 
 class Proof:

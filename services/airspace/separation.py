@@ -4,7 +4,7 @@ Two vehicles are apart if (dx^2 + dy^2) / across^2 + dz^2 / tall^2 >= 1: an elli
 than wide, because of the downwash. Distances here are in this measure: 1 is just apart.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 
 from msgspec import Struct
@@ -40,6 +40,24 @@ class Neighbour(Struct, frozen=True):
     clears: bool
 
 
+class Others:
+    """Other vehicles of a run: `near` returns what those reserve that may come too near a space.
+
+    What vehicles far from it reserve is not computed: there may be a thousand.
+    """
+
+    def __init__(self, near: Callable[[Space], Sequence[Neighbour]] | None = None) -> None:
+        self.near: Callable[[Space], Sequence[Neighbour]] = near or (lambda _space: ())
+        self._are_there = near is not None
+
+    def __bool__(self) -> bool:
+        """Return whether there may be any."""
+        return self._are_there
+
+
+NOBODY = Others()
+
+
 def allowed(ours: SeparationParams, theirs: SeparationParams) -> tuple[float, float]:
     """Return how far apart two vehicles have to be, m: across and tall; 0, 0 if one has it off."""
     if not (ours.radius and theirs.radius):
@@ -47,14 +65,14 @@ def allowed(ours: SeparationParams, theirs: SeparationParams) -> tuple[float, fl
     return ours.radius + theirs.radius, 0.5 * (ours.height + theirs.height)
 
 
-def conflicts(place: Point, space: Space, others: Iterable[Neighbour]) -> list[Neighbour]:
+def conflicts(place: Point, space: Space, others: Others) -> list[Neighbour]:
     """Return the vehicles that a way from a place (m) comes too near, in their order.
 
     A vehicle that is too near already may leave: its way must not bring it nearer. One inside a space
     in which another moves may not: the other may be anywhere in it.
     """
     here = (Piece(place, place),)
-    return [other for other in others if _comes_near(here, space, other)]
+    return [other for other in others.near(space) if _comes_near(here, space, other)]
 
 
 def _comes_near(here: Space, space: Space, other: Neighbour) -> bool:

@@ -10,7 +10,7 @@ from quadctl.schemas.messages import CageSize, Pose
 from quadctl.services.airspace import stopping
 from quadctl.services.airspace.geometry import Box, Point, place_of
 from quadctl.services.airspace.routes import FlightPath
-from quadctl.services.airspace.separation import Neighbour
+from quadctl.services.airspace.separation import NOBODY, Neighbour, Others
 from quadctl.services.airspace.stopping import Envelope, StoppingLaw
 from quadctl.services.airspace.zones import Region
 
@@ -130,7 +130,7 @@ class World(Struct, frozen=True):
     envelope: Envelope
     unready: str = "no pose: dynamics is silent"
     region: Region = _NO_ZONES
-    others: tuple[Neighbour, ...] = ()
+    others: Others = NOBODY
     rested: float = 0.0
 
     @property

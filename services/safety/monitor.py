@@ -26,7 +26,7 @@ from quadctl.schemas.vehicle import ControlParams, VehicleParams
 from quadctl.services.airspace.airworthiness import stopping_law
 from quadctl.services.airspace.cage import why_outside
 from quadctl.services.airspace.geometry import Point, place_of
-from quadctl.services.airspace.separation import Neighbour, conflicts, why_near
+from quadctl.services.airspace.separation import NOBODY, Others, conflicts, why_near
 from quadctl.services.airspace.stopping import PATIENCE, Envelope, StoppingLaw, at_rest
 from quadctl.services.airspace.zones import Region, nearest
 from quadctl.services.safety.automaton import Rule, step
@@ -396,7 +396,7 @@ class Monitor:
         margin = params.margin + self._most_blown
         return Envelope(params.max_speed, params.max_deceleration, margin, reaction, stop)
 
-    def world(self, others: tuple[Neighbour, ...] = ()) -> World:
+    def world(self, others: Others = NOBODY) -> World:
         """Return the automaton's input, with the newest pose."""
         return World(
             self.pose, self._last, self.fresh, self._cage(), self._params.acceptance_range, self.envelope,

@@ -14,13 +14,24 @@ from msgspec import Struct
 
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.params import SeparationParams
-from quadctl.services.airspace.geometry import Piece, Point, distance, velocity_of
-from quadctl.services.airspace.separation import WIDER, How, Neighbour, allowed
+from quadctl.services.airspace.geometry import (
+    Box,
+    Piece,
+    Point,
+    Space,
+    around,
+    distance,
+    velocity_of,
+)
+from quadctl.services.airspace.routes import bend
+from quadctl.services.airspace.separation import NOBODY, WIDER, How, Neighbour, Others, allowed
 from quadctl.services.airspace.stopping import straight_stop
 from quadctl.services.safety.model import Situation, World
 from quadctl.services.safety.motion import motion, off_course, reserved, space_after, stays
 
 _ROUNDING = 1e-9
+_FARTHER = WIDER + 1e-6
+"""Metres beyond the distance of two vehicles at which neither can matter to the other's way."""
 
 
 Mark = tuple[str, Point | int]
@@ -53,7 +64,7 @@ class Participant(Protocol):
     def separation(self) -> SeparationParams:
         """Return its distance from others."""
 
-    def world(self, others: tuple[Neighbour, ...] = ()) -> World:
+    def world(self, others: Others = NOBODY) -> World:
         """Return the automaton's input, with its newest pose."""
 
     def recheck(self, only: str = "") -> None:
@@ -72,7 +83,7 @@ class Traffic:
     def __init__(self, lock: AbstractContextManager[object] | None = None) -> None:
         """Begin without a vehicle; the lock is for monitors that several threads feed."""
         self.lock = lock or nullcontext()
-        self._members: dict[str, tuple[Participant, Post]] = {}
+        self._members: dict[str, _Member] = {}
         self._number = 0
 
     @property
@@ -82,7 +93,7 @@ class Traffic:
 
     def join(self, member: Participant, post: Post) -> None:
         """Add a vehicle; `post` runs a function on its loop."""
-        self._members[member.name] = member, post
+        self._members[member.name] = _Member(member, post)
 
     def hold(
         self,
@@ -109,26 +120,29 @@ class Traffic:
         return one.how is How.FLIES or (one.clears and not self._waits_for(one.name, name))
 
     def _mark(self, one: Neighbour) -> Mark:
-        other = self._members[one.name][0]
+        other = self._members[one.name].participant
         if one.how is How.WAITS and other.held:
             return one.name, other.held.number
         return one.name, other.situation.goal
 
-    def others(
-        self, name: str, *, only: str = "", before: int | None = None
-    ) -> tuple[Neighbour, ...]:
-        """Return what the other vehicles reserve, or what the `only` one does.
+    def others(self, name: str, *, only: str = "", before: int | None = None) -> Others:
+        """Return what the other vehicles reserve, or what the `only` one does; use it under the lock.
 
         A goal that waits counts, too, if it came `before` a number, and does not wait for this one.
         """
-        if not self.is_shared:
-            return ()
+        return Others(partial(self._near, name, only, before)) if self.is_shared else NOBODY
+
+    def _near(self, name: str, only: str, before: int | None, space: Space) -> list[Neighbour]:
+        low, high = around(*(end for piece in space for end in piece[:2]))
         found: list[Neighbour] = []
         waiting: list[Neighbour] = []
-        own = self._members[name][0].separation
-        for other in self._others(name, only=only):
+        own = self._members[name].participant.separation
+        for member in (self._members[only],) if only else tuple(self._members.values()):
+            if member.is_clear(low, high, own):
+                continue
+            other = member.participant
             across, tall = allowed(own, other.separation)
-            if not across:
+            if not across or other.name == name or not other.situation.boot:
                 continue
             held, world = other.held, other.world()
             found += _neighbours(other, world, across, tall)
@@ -136,7 +150,7 @@ class Traffic:
             if held and earlier and not self._waits_for(other.name, name):
                 space = space_after(other.situation, held.points, world)
                 waiting.append(Neighbour(other.name, space, across, tall, How.WAITS, clears=True))
-        return (*found, *waiting)
+        return [*found, *waiting]
 
     def _waits_for(self, waiter: str, name: str) -> bool:
         """Return whether a vehicle waits for another one, which may wait itself."""
@@ -147,14 +161,14 @@ class Traffic:
     def leads(self, name: str) -> bool:
         """Return whether a vehicle that this one waits for, by itself or through others, is on its way."""
         ahead = self._chain(name, lambda held: [held.first, *(mark[0] for mark in held.behind)])
-        return any(self._members[each][0].situation.flies for each in ahead)
+        return any(self._members[each].participant.situation.flies for each in ahead)
 
     def _chain(self, waiter: str, ahead_of: Callable[[Held], Iterable[str]]) -> Iterator[str]:
         """Yield the vehicles ahead of the goal of one that waits, and those that they wait for in turn."""
         seen, left = set[str](), [waiter]
         while left:
             one = left.pop()
-            held = self._members[one][0].held
+            held = self._members[one].participant.held
             if one in seen or held is None:
                 continue
             seen.add(one)
@@ -164,15 +178,15 @@ class Traffic:
 
     def _stands(self, mark: Mark) -> bool:
         """Return whether a vehicle is still where it was, or waits for the same goal."""
-        member = self._members[mark[0]][0]
+        member = self._members[mark[0]].participant
         if isinstance(mark[1], int):
             return member.held is not None and member.held.number == mark[1]
         return member.situation.goal == mark[1]
 
     def moved(self, name: str) -> None:
         """Have the flights of the others checked again: a vehicle was put somewhere else."""
-        for other in self._others(name):
-            self._members[other.name][1](partial(other.recheck, name))
+        for other in filter(lambda each: each.situation.flies, self._others(name)):
+            self._members[other.name].post(partial(other.recheck, name))
 
     def watch(self, member: Participant) -> None:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""
@@ -192,11 +206,52 @@ class Traffic:
             ):  # fmt: skip
                 if one.situation.flies and _approaches(ours, its, across, tall):
                     reason = f"stopped, separation: {another.name} came too near"
-                    self._members[one.name][1](partial(one.give_way, reason))
+                    self._members[one.name].post(partial(one.give_way, reason))
 
-    def _others(self, name: str, *, only: str = "") -> list[Participant]:
-        members = (self._members[only],) if only else tuple(self._members.values())
-        return [one for one, _ in members if one.name != name and one.situation.boot]
+    def _others(self, name: str) -> list[Participant]:
+        everybody = [member.participant for member in tuple(self._members.values())]
+        return [one for one in everybody if one.name != name and one.situation.boot]
+
+
+class _Member:
+    """Vehicle, the function that runs another one on its loop, and the box (m) of its ways."""
+
+    __slots__ = ("_box", "_held", "_situation", "participant", "post")
+
+    def __init__(self, participant: Participant, post: Post) -> None:
+        self.participant, self.post = participant, post
+        self._situation: Situation | None = None
+        self._held: Held | None = None
+        self._box: Box = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+    def is_clear(self, low: Point, high: Point, own: SeparationParams) -> bool:
+        """Return whether the vehicle and all that it reserves are so far from a box that they do not matter.
+
+        This runs for each of a thousand vehicles, and nearly all of them end at the first comparison.
+        """
+        of = self.participant
+        if self._situation is not of.situation or self._held is not of.held:
+            self._look()
+        (x0, y0, z0), (x1, y1, z1) = self._box
+        place, theirs = of.pose.position, of.separation
+        x, across = place.x, own.radius + theirs.radius + _FARTHER
+        west, east = low[0] - across, high[0] + across
+        if (x0 > east and x > east) or (x1 < west and x < west):
+            return True
+        y, z, tall = place.y, place.z, 0.5 * (own.height + theirs.height) + _FARTHER
+        return (
+            min(y, y0) - high[1] > across
+            or low[1] - max(y, y1) > across
+            or min(z, z0) - high[2] > tall
+            or low[2] - max(z, z1) > tall
+        )
+
+    def _look(self) -> None:
+        """Compute the box of the present way and of one that waits; the vehicle may be outside it."""
+        s, held = self.participant.situation, self.participant.held
+        paused = (s.paused.goal,) if s.paused else ()
+        points = (s.goal, *s.corners, *paused, *motion(s), *(held.points if held else ()))
+        self._situation, self._held, self._box = s, held, bend(*points)
 
 
 def _neighbours(other: Participant, world: World, across: float, tall: float) -> list[Neighbour]:

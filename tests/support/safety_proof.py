@@ -54,7 +54,7 @@ from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import ZoneParams
 from quadctl.services.airspace import routes, stopping
 from quadctl.services.airspace.geometry import Box, Point
-from quadctl.services.airspace.separation import How, Neighbour
+from quadctl.services.airspace.separation import How, Neighbour, Others
 from quadctl.services.airspace.zones import Nearest, Region
 from quadctl.services.safety import automaton, monitor, motion
 from quadctl.services.safety.model import (
@@ -207,7 +207,7 @@ def related(name: str, *numbers: object) -> Truth:
     return Truth(function(*map(term, numbers)))
 
 
-OPAQUE[tuple[Neighbour, ...]] = lambda: iter((AnyOthers(),))
+OPAQUE[Others] = lambda: iter((AnyOthers(),))
 # A verdict is made from the situation and the world that a check meets.
 OPAQUE[GoalVerdict] = lambda: iter((None,))
 OPAQUE[Region] = lambda: iter((AnyRegion(),))
@@ -356,7 +356,8 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
     rests = isinstance(e, Seen) and s.state is HOVERING and s.phase is FlightPhase.STOPPING
     rested = z3.And(after.phase is FlightPhase.STOPPED, same(after.goal, w.place))
     again = s.beyond is not inf
-    others = w.others if isinstance(w.others, AnyOthers) else None
+    given: Any = w.others
+    others = given if isinstance(given, AnyOthers) else None
     near, bent = (z3.And(check, others.near.term), others.bent.term) if others else (FALSE, FALSE)
     leaves = (Seen, Gone, Hold, Booted, Toggle, Resized)
     return {

@@ -9,6 +9,7 @@ import pytest
 import z3
 from msgspec.structs import replace
 
+from quadctl.services.airspace.separation import NOBODY
 from quadctl.services.airspace.zones import Region
 from quadctl.services.safety.model import Check, Event, Seen, Toggle
 from tests.support.monitor_rig import STILL
@@ -150,7 +151,9 @@ def replayed(failure: Failure, clause: str) -> bool:
     situation, found, world = failure.values
     situation = replace(situation, reach=None)
     still = replace(world.pose, velocity=STILL)
-    world = replace(world, pose=still, last=still, envelope=ENVELOPE, region=Region(), others=())
+    world = replace(
+        world, pose=still, last=still, envelope=ENVELOPE, region=Region(), others=NOBODY
+    )
     after = step(situation, found, world)
     clauses = invariant(after, world.cage, z3.BoolVal(True)) | transition(
         situation, found, world, after

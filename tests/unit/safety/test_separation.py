@@ -1,10 +1,12 @@
 """Separation: distances of spaces, and which ways come too near."""
 
+import random
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from math import dist
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +15,9 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position
 from quadctl.services.airspace.geometry import Piece, distance
-from quadctl.services.airspace.separation import How, Neighbour, conflicts, why_near
+from quadctl.services.airspace.separation import WIDER, How, Neighbour, Others, conflicts, why_near
 from quadctl.services.safety.model import State
+from quadctl.services.safety.traffic import Traffic, _Member
 from tests.support import faulty_fleet
 from tests.support.fleet_flights import FleetFlight, worst
 from tests.support.proofs import Proofs
@@ -90,7 +93,7 @@ def way(*points: tuple[float, float, float]) -> tuple[Piece, ...]:
 )
 def test_a_way_keeps_apart_from_a_vehicle(points, near: bool):
     there = neighbour(Piece((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)))
-    found = conflicts(points[0], way(*points), [there])
+    found = conflicts(points[0], way(*points), Others(lambda _: [there]))
     assert bool(found) is near
     assert why_near(found) == ("separation: uav3 is too near the way" if near else "")
 
@@ -296,3 +299,39 @@ def test_10_000_flights_of_ten_in_a_small_box_keep_apart(proofs: Proofs):
         f"{nearest:.3f} of what they keep; goals: {goals}; none waits for ever", "at least 1",
     )  # fmt: skip
     assert nearest >= 1, f"seed {seed}"
+
+
+def test_what_is_far_from_a_way_is_not_computed_and_would_not_matter(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    real, clear = Traffic._near, _Member.is_clear
+    skipped, kept = 0, 0
+
+    def near(traffic: Traffic, name: str, *of: Any) -> list[Neighbour]:
+        nonlocal skipped, kept
+        found = real(traffic, name, *of)
+        monkeypatch.setattr(_Member, "is_clear", lambda *_: False)
+        everybody = real(traffic, name, *of)
+        monkeypatch.setattr(_Member, "is_clear", clear)
+        assert [one for one in everybody if one in found] == found
+        for one in everybody:
+            if one not in found:
+                assert distance(of[-1], one.space, one.across + WIDER, one.tall + WIDER) >= 1
+        skipped, kept = skipped + len(everybody) - len(found), kept + len(found)
+        return found
+
+    monkeypatch.setattr(Traffic, "_near", near)
+    draws = random.Random(3)
+
+    def place() -> Position:
+        return Position(draws.uniform(-4, 4), draws.uniform(-4, 4), draws.choice([0.0, 0.3, 1, 2]))
+
+    flight = FleetFlight(*(Position(2.0 * n - 5, 0.0, 1.0) for n in range(6)), size=6.0)
+    for _ in range(150):
+        flight.goto(draws.randrange(6), place(), replace=True, wait=draws.random() < 0.5)
+        if draws.random() < 0.1:
+            flight.members[draws.randrange(6)].monitor.hold()
+        flight.fly(draws.choice([0.05, 0.4, 2.0]))
+    assert skipped > 300
+    assert kept > 100
+    assert flight.nearest >= 1

@@ -16,6 +16,8 @@ from tests.support.proofs import Proofs
 PROOFS = pytest.StashKey[Proofs]()
 MISSING = pytest.StashKey[list[str]]()
 LEFT_OUT = pytest.StashKey[list[tuple[str, str]]]()
+THOROUGH = pytest.StashKey[int]()
+"""Number of thorough tests that were left out."""
 """Tests that this machine cannot run, each after the ability that it lacks for it."""
 
 
@@ -29,6 +31,7 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.disable()
     config.stash[PROOFS] = Proofs()
     config.stash[LEFT_OUT] = []
+    config.stash[THOROUGH] = 0
     worker = getattr(config, "workerinput", None)  # of a worker of pytest-xdist
     config.stash[MISSING] = abilities.missing() if worker is None else worker["missing"]
     # A shell's background jobs ignore SIGINT and `nohup` ignores SIGHUP; so would every command
@@ -75,10 +78,14 @@ class FailuresAtOnce:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.option.markexpr:
+    # A test that is named by its id is wanted, whatever its mark.
+    if config.option.markexpr or any("::" in each for each in config.args):
         # A worker that begins a long count as the last ends long after the others.
         items.sort(key=_time_limit, reverse=True)
     else:
+        config.stash[THOROUGH] = len(
+            [each for each in items if each.get_closest_marker("thorough")]
+        )
         _leave_out(
             config, items, lambda item: any(map(item.get_closest_marker, ("prove", "thorough")))
         )
@@ -120,6 +127,10 @@ def pytest_collection_finish() -> None:
 def pytest_terminal_summary(
     terminalreporter: pytest.TerminalReporter, config: pytest.Config
 ) -> None:
+    if thorough := config.stash[THOROUGH]:
+        terminalreporter.write_line(
+            f"{thorough} thorough tests of these were left out: -m 'not prove' runs them, too"
+        )
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS and not config.option.keyword
     if whole and (left_out := config.stash[LEFT_OUT]):
         terminalreporter.section("NOT TESTED", yellow=True, bold=True)
@@ -132,6 +143,7 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     output = getattr(session.config, "workeroutput", None)
     if output is not None:
         output["proofs"], output["left_out"] = stash[PROOFS].found, stash[LEFT_OUT]
+        output["thorough"] = stash[THOROUGH]
         return
     stash[PROOFS].write()
     if session.config.option.complete and stash[LEFT_OUT] and exitstatus == pytest.ExitCode.OK:
@@ -151,6 +163,7 @@ def pytest_testnodedown(node: Any) -> None:
     node.config.stash[PROOFS].found += output.get("proofs", [])
     # Each worker collects all tests.
     node.config.stash[LEFT_OUT] = output.get("left_out", node.config.stash[LEFT_OUT])
+    node.config.stash[THOROUGH] = output.get("thorough", node.config.stash[THOROUGH])
 
 
 @pytest.fixture(scope="session")

@@ -187,10 +187,10 @@ def test_several_vehicles_fly_at_the_same_time(quad_run):
 def test_calls_leave_no_subscription_behind(quad):
     """A flight that nobody waits for ends its subscription, too, once it is not used any more."""
     flight = quad.goto(0, 0, 1.3, replace=True, wait=False)
-    stream = flight._messages._stream
+    stream = flight._messages._stream._subscriber
     quad.goto(0, 0, 1.2, replace=True)
     watch = quad.watch("pose")
-    watched = watch._messages._stream
+    watched = watch._messages._stream._subscriber
     assert stream._subscribers
     assert watched._subscribers
     del flight, watch

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from quadctl.schemas.topics import INFO, POSE, ZONES
+from quadctl.schemas.topics import INFO, POSE, TOPICS, ZONES, Topic
 from quadctl.services.runtime.bus.client import Client
 from tests.support.bare import Bare, gap, speed
 from tests.support.lab import Lab
@@ -43,6 +43,16 @@ def test_each_latched_topic_comes_at_once_beside_a_fast_one(
                 came.add(message.key)
             stream.close()
             assert came == set(topics)
+
+
+STAMPED = [each for each in TOPICS if each.hz and "stamp" in each.type.__struct_fields__]
+
+
+@pytest.mark.parametrize("topic", STAMPED, ids=lambda topic: topic.name)
+def test_every_topic_comes_at_its_rate_of_simulated_time(hover: Bare, topic: Topic[Any]):
+    watch = hover.watch(topic.key("uav"))
+    stamps = [message["stamp"] for message in watch.next(4)]
+    assert all(b - a <= 1.5 / topic.hz + 1e-6 for a, b in pairwise(stamps)), stamps
 
 
 def test_info_names_the_node_of_each_service_and_topic(hover: Bare):

@@ -161,8 +161,8 @@ class QueuedSubscriber(MessageQueue):
         keeps: bool = False,
     ) -> None:
         super().__init__(backlog, keeps=keeps)
-        subscriber = RawSubscriber(session, keys, self.put)
-        self.request_latched, self.close = subscriber.request_latched, subscriber.close
+        self._subscriber = RawSubscriber(session, keys, self.put)
+        self.request_latched, self.close = self._subscriber.request_latched, self._subscriber.close
 
 
 _SETTLE = 0.5

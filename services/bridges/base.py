@@ -154,10 +154,13 @@ class RequestQueue:
         self._ordered = self._executed = 0
         self._ended = False
 
-    def order(self, job: Job, key: Any = None, *, newest: bool = False) -> Taken:
-        """Add an order, unless one with its key is pending already, or too many wait.
+    def order(
+        self, job: Job, key: Any = None, *, newest: bool = False, once: bool = False
+    ) -> Taken:
+        """Add an order, unless the last pending one has its key, or too many wait.
 
-        The `newest` goal takes the place of the one before, if nothing came in between, and others
+        A stop after another order is no repetition of a stop before it. With `once` any pending order
+        with its key counts: this one may be sent again. The `newest` goal takes the place of the one before, if nothing came in between, and others
         wait as long as safety needs to decide on it: a flood must not queue up.
         """
         with self._change:
@@ -167,7 +170,7 @@ class RequestQueue:
                 if jobs and jobs[-1][0] == key:
                     jobs[-1] = key, job
                     return "waits"
-            elif self._orders.has(key):
+            elif self._orders.has(key) if once else self._orders.ends_with(key):
                 return "waits"
             taken = self._add(self._orders, key, job)
             self._ordered += taken == "added"
@@ -225,6 +228,10 @@ class _Line:
         self.jobs: deque[tuple[Any, Job]] = deque()
         self.present: Any = None
         self.works = False
+
+    def ends_with(self, key: Any) -> bool:
+        """Return whether the last pending job has a key; those without one are not compared."""
+        return key is not None and key == (self.jobs[-1][0] if self.jobs else self.present)
 
     def has(self, key: Any) -> bool:
         """Return whether a job with a key is pending; those without one are not compared."""

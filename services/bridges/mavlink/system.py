@@ -172,11 +172,13 @@ class MavlinkSystem:
         x, y = (_degrees(each) for each in (m.param5, m.param6))
         params = (m.param1, m.param2, m.param3, m.param4)
         frame = mavlink.MAV_FRAME_GLOBAL
-        self._command(peer, PlanItem(frame, m.command, params, x, y, m.param7))
+        item = PlanItem(frame, m.command, params, x, y, m.param7)
+        self._command(peer, item, again=m.confirmation > 0)
 
     def _take_command_int(self, m: Any, peer: Peer) -> None:
         params = (m.param1, m.param2, m.param3, m.param4)
-        self._command(peer, PlanItem(m.frame, m.command, params, m.x, m.y, m.z))
+        # It has no number of its repetitions.
+        self._command(peer, PlanItem(m.frame, m.command, params, m.x, m.y, m.z), again=True)
 
     def _take_set_mode(self, m: Any, _peer: Peer) -> None:
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24
@@ -215,10 +217,10 @@ class MavlinkSystem:
         else:
             self._commander.ignore("without a number for each coordinate")
 
-    def _command(self, peer: Peer, item: PlanItem) -> None:
-        """Execute a command; one that is repeated meanwhile is executed once."""
+    def _command(self, peer: Peer, item: PlanItem, *, again: bool) -> None:
+        """Execute a command; one that may be sent `again` is executed once meanwhile."""
         job = partial(self._execute, peer, item)
-        match self._requests.order(job, (peer, repr(item))):
+        match self._requests.order(job, (peer, repr(item)), once=again):
             case "waits":
                 self._acknowledge(peer, item.command, mavlink.MAV_RESULT_IN_PROGRESS)
             case "full":

@@ -72,8 +72,12 @@ def test_a_request_that_is_pending_is_not_added_again():
     assert client.queue.order(client.do(1), "first") == "waits"
     assert client.queue.order(client.do(1), "a") == "added"
     assert client.queue.order(client.do(2), "a") == "waits"
+    assert client.queue.order(client.do(3), "b") == "added"
+    assert client.queue.order(client.do(4), "a", once=True) == "waits"
+    # E.g. a stop after a goal is no repetition of a stop before it.
+    assert client.queue.order(client.do(5), "a") == "added"
     client.gate.set()
-    assert eventually(lambda: client.done == [1])
+    assert eventually(lambda: client.done == [1, 3, 5])
 
 
 def test_too_many_requests_are_refused():

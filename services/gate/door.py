@@ -41,7 +41,7 @@ _MOST_DECLARED = 1000
 router takes at most 40 ms to forget it, and delays all messages meanwhile. Our own nodes need 150."""
 _MOST_ASKED = 5000
 """Wildcards in one name's interests, e.g. its questions for live nodes: 4 for each vehicle. A router
-never forgets one, and 5000 that match one another take 280 MB."""
+never forgets one, and 5000 that match one another take 270 MB."""
 _BARRED = 10.0
 """Seconds for which a name with too many is not let in: it would declare them again at once."""
 _KEPT_WAITING = 0.5

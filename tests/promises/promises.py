@@ -8,6 +8,8 @@ Each entry of the text below has, in this order:
   entry has several, each has its label and `<-` before it.
 
 A line indented by four spaces continues the previous line.
+
+Over 500 lines: it is one list, and a page of the documentation.
 """
 
 import re
@@ -217,6 +219,21 @@ an autopilot that is not ours in the place of the vehicle, over a bad radio
   - unit/mavlink/adapter: poses_come_only_while_it_is_armed_and_follows_programs
     it_flies_only_with_the_fence without_positions_no_place_is_sent
   = 100 flights of an autopilot
+a client of a bridge that floods, sends garbage, reads nothing or only begins; a bridge or a node that is killed
+  the flight goes on; stops are executed and the newest goal is flown, others are served, and the bridge grows by
+  at most 16 MB. While safety is silent poses are shown, and an order fails with the reason. All is served again
+  by itself, with the next process of the bridge too
+  - bridges/every_bridge: orders_are_carried_out_as_they_were_sent garbage_by_the_thousand_changes_nothing
+    a_flood_of_goals_delays_no_stop_and_the_newest_is_flown
+    while_safety_is_silent_poses_come_and_orders_fail_with_the_reason
+    a_read_that_waits_for_a_silent_node_delays_no_order
+    a_killed_bridge_leaves_the_flight_alone_and_the_next_one_serves
+    a_bridge_goes_on_by_itself_when_a_killed_node_is_back a_client_that_reads_nothing_delays_no_other
+    a_thousand_that_only_begin_keep_nobody_out the_flight_is_the_same_whatever_happens_to_the_bridge
+a client of a bridge that may not act, or not all
+  without the token or key it watches, and changes nothing; a bridge has the rights of its certificate
+  - bridges/every_bridge: a_client_without_the_token_or_key_may_only_watch
+    a_bridge_has_the_rights_of_its_certificate
 a goal on the wall itself
   accepted: the wall belongs to the cage, to the last bit
   - unit/airspace/cage: a_face_is_inside_the_cage_to_the_last_bit

@@ -7,7 +7,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, NamedTuple, Self
 
 from websockets.exceptions import ConnectionClosed
@@ -15,8 +15,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from tests.support import bridges
-from tests.support.lab import Lab
-from tests.support.running import DEADLINE, Foreground, eventually
+from tests.support.running import DEADLINE, eventually
 
 SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 OLD_SUBPROTOCOL = Subprotocol("foxglove.websocket.v1")
@@ -220,12 +219,6 @@ def response(data: bytes) -> tuple[int, Any] | None:
         return None
     _, call, length = struct.unpack_from("<III", data, 1)
     return call, json.loads(data[13 + length :])
-
-
-def bridged(lab: Lab, port: int, *options: str) -> AbstractContextManager[Foreground]:
-    """Bridge the run of a lab on a port, see bridges.bridged."""
-    lab.environment["QUADCTL_FOXGLOVE_TOKEN"] = TOKEN
-    return bridges.bridged(lab, "foxglove", "--port", str(port), *options)
 
 
 @contextmanager

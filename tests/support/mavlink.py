@@ -16,8 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 import quadctl
 from quadctl.schemas.earth import Origin
 from tests.support import bridges
-from tests.support.lab import Lab
-from tests.support.running import DEADLINE, Foreground
+from tests.support.running import DEADLINE
 
 ORIGIN = Origin(47.397742, 8.545594, 488.0)
 _AGAIN = 2.0
@@ -90,10 +89,12 @@ class GroundStation:
         timeout: float = DEADLINE,
     ) -> Any:
         """Return the first message of a type that fulfils a condition, of those from now on."""
-        first = len(self.messages) if since is None else since
+        seen = len(self.messages) if since is None else since
 
         def found() -> Any:
-            for each in self.messages[first:]:
+            nonlocal seen
+            new, seen = self.messages[seen:], len(self.messages)
+            for each in new:
                 if (
                     each.get_type() == type_
                     and each.get_srcSystem() == self.system
@@ -231,11 +232,6 @@ def _is_number(number: int, item: Any) -> bool:
 def bridge(realm: str, port: int, *more: str) -> AbstractContextManager[subprocess.Popen[bytes]]:
     """Bridge a run to a port of this machine, see bridges.bridge."""
     return bridges.bridge(realm, "mavlink", "--to", f"udpout:127.0.0.1:{port}", *more)
-
-
-def bridged(lab: Lab, port: int, *options: str) -> AbstractContextManager[Foreground]:
-    """Bridge the run of a lab to a port of this machine, see bridges.bridged."""
-    return bridges.bridged(lab, "mavlink", "--to", f"udpout:127.0.0.1:{port}", *options)
 
 
 def key_file(folder: Path, phrase: str) -> Path:

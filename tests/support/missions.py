@@ -1,15 +1,12 @@
 """Missions for the tests, and the labs to fly them in."""
 
-import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from tests.support.lab import Lab
-from tests.support.running import Foreground
 
 MISSION = """
 end = 8.0
@@ -50,28 +47,6 @@ def fly(lab: Lab, timeout: float = 50.0) -> dict[str, Any]:
 def same(flight: dict[str, Any]) -> dict[str, Any]:
     """Return the part of the document that does not depend on the machine."""
     return {name: flight[name] for name in SAME}
-
-
-_BURST, _PAUSE = 100, 0.01
-"""Messages of a burst, and seconds between two: up to 10 000 a second, of which a bridge needs 20."""
-
-
-def fly_beside(lab: Lab, bridge: Foreground, flood: Callable[[], object]) -> dict[str, Any]:
-    """Fly with a bridge that is read, flooded, frozen and killed; return the same of each flight."""
-    flown = {"read": fly(lab)}
-    with ThreadPoolExecutor(1) as pool:
-        flooded = pool.submit(fly, lab)
-        # As fast as can be, it would be a test of a machine without a free processor: see `busy`.
-        while not wait([flooded], _PAUSE).done:
-            for _ in range(_BURST):
-                flood()
-        flown["flooded"] = flooded.result()
-    bridge.send(signal.SIGSTOP)
-    flown["frozen"] = fly(lab)
-    bridge.send(signal.SIGKILL)
-    bridge.wait()
-    flown["killed"] = fly(lab)
-    return {name: same(flight) for name, flight in flown.items()}
 
 
 @contextmanager

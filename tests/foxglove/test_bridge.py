@@ -371,8 +371,13 @@ def test_a_state_of_a_users_own_does_not_move_the_ground(port: int, run: quadctl
 @pytest.mark.thorough
 def test_other_machines_need_a_certificate_however_the_bridge_is_started(lab: Lab):
     lab.start()
-    command = [sys.executable, "-P", "-m", "quadctl.services.bridges.foxglove", "--realm", lab.realm]
-    process = lab.spawn(*command, "--options", f'{{"host": "0.0.0.0", "port": {free_port()}}}')
+    module, options = (
+        "quadctl.services.bridges.foxglove",
+        f'{{"host": "0.0.0.0", "port": {free_port()}}}',
+    )
+    process = lab.spawn(
+        sys.executable, "-P", "-m", module, "--realm", lab.realm, "--options", options
+    )
     assert process.wait() == 2
     assert "--host 0.0.0.0 lets other machines watch" in process.log
 

@@ -80,7 +80,7 @@ class MqttVehicle(BridgedVehicle):
         match noun, name:
             case "goto", _:
                 job = partial(self._answer, topic, self._goto, payload)
-                taken = self._requests.order(job, topic, newest=True)
+                taken = self._requests.order(job, newest=topic)
             case "param", "get":
                 taken = self._requests.read(partial(self._answer, topic, self._get, payload))
             case "param", _:

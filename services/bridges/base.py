@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Literal, NoReturn, Protocol, TypeVar
+from typing import Any, Literal, NamedTuple, NoReturn, Protocol, TypeVar
 
 import msgspec
 from msgspec import Struct
@@ -154,25 +154,24 @@ class RequestQueue:
         self._ordered = self._executed = 0
         self._ended = False
 
-    def order(
-        self, job: Job, key: Any = None, *, newest: bool = False, once: bool = False
-    ) -> Taken:
+    def order(self, job: Job, key: Any = None, *, newest: Any = None, once: bool = False) -> Taken:
         """Add an order, unless the last pending one has its key, or too many wait.
 
-        A stop after another order is no repetition of a stop before it. With `once` any pending order
-        with its key counts: this one may be sent again. The `newest` goal takes the place of the one before, if nothing came in between, and others
-        wait as long as safety needs to decide on it: a flood must not queue up.
+        A stop after another order is no repetition of a stop before it; with `once` any pending order
+        with its key counts, as this one may be sent again. An order with the name of a goal, `newest`,
+        takes the place of the one before if that has this name and still waits, and others wait as long as
+        safety needs to decide on it: a flood must not queue up.
         """
         with self._change:
             jobs = self._orders.jobs
-            if newest:
-                job = partial(_paced, job)
-                if jobs and jobs[-1][0] == key:
-                    jobs[-1] = key, job
-                    return "waits"
-            elif self._orders.has(key) if once else self._orders.ends_with(key):
+            if self._orders.has(key) if once else self._orders.ends_with(key):
                 return "waits"
-            taken = self._add(self._orders, key, job)
+            if newest is not None:
+                job = partial(_paced, job)
+                if jobs and jobs[-1].newest == newest:
+                    jobs[-1] = _Waiting(key, newest, job)
+                    return "waits"
+            taken = self._add(self._orders, _Waiting(key, newest, job))
             self._ordered += taken == "added"
             return taken
 
@@ -181,7 +180,8 @@ class RequestQueue:
         with self._change:
             if self._reads.has(key):
                 return "waits"
-            return self._add(self._reads, key, partial(self._after, self._ordered, job))
+            after = partial(self._after, self._ordered, job)
+            return self._add(self._reads, _Waiting(key, None, after))
 
     def end(self) -> None:
         """Drop what waits, and end the threads."""
@@ -189,10 +189,10 @@ class RequestQueue:
             self._ended = True
             self._change.notify_all()
 
-    def _add(self, line: "_Line", key: Any, job: Job) -> Taken:
+    def _add(self, line: "_Line", waiting: "_Waiting") -> Taken:
         if len(line.jobs) >= MOST_WAITING:
             return "full"
-        line.jobs.append((key, job))
+        line.jobs.append(waiting)
         if not line.works:
             line.works = True
             threading.Thread(target=self._work, args=(line,), daemon=True).start()
@@ -210,7 +210,7 @@ class RequestQueue:
                 self._change.wait_for(lambda: line.jobs or self._ended)
                 if self._ended:
                     return
-                line.present, job = line.jobs.popleft()
+                line.present, _, job = line.jobs.popleft()
             try:
                 job()
             except Exception as problem:  # noqa: BLE001 - a fault must not end all later requests
@@ -221,21 +221,29 @@ class RequestQueue:
                 self._change.notify_all()
 
 
+class _Waiting(NamedTuple):
+    """Job that waits, its key, and the name of its goal."""
+
+    key: Any
+    newest: Any
+    job: Job
+
+
 class _Line:
-    """Jobs that wait with their keys, and the key of the present one."""
+    """Jobs that wait, and the key of the present one."""
 
     def __init__(self) -> None:
-        self.jobs: deque[tuple[Any, Job]] = deque()
+        self.jobs: deque[_Waiting] = deque()
         self.present: Any = None
         self.works = False
 
     def ends_with(self, key: Any) -> bool:
         """Return whether the last pending job has a key; those without one are not compared."""
-        return key is not None and key == (self.jobs[-1][0] if self.jobs else self.present)
+        return key is not None and key == (self.jobs[-1].key if self.jobs else self.present)
 
     def has(self, key: Any) -> bool:
         """Return whether a job with a key is pending; those without one are not compared."""
-        return key is not None and key in {self.present, *(each for each, _ in self.jobs)}
+        return key is not None and key in {self.present, *(each.key for each in self.jobs)}
 
 
 def _paced(job: Job) -> None:

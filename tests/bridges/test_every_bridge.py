@@ -21,7 +21,7 @@ from quadctl.services.runtime.bus.session import free_port
 from tests.bridges.sides import LIMIT, NAMES, Order, Side, sides
 from tests.support import missions
 from tests.support.bare import Bare, pack, speed
-from tests.support.lab import Lab, private_lab
+from tests.support.lab import NODES, Lab, private_lab
 from tests.support.running import eventually
 
 GROWTH = 16 << 20
@@ -205,6 +205,12 @@ def test_a_bridge_goes_on_by_itself_when_a_killed_node_is_back(
     side.pose()
     assert side.order((1.0, 0.0, 1.0)).done
     assert not side.process.ended
+    # The next test finds the run whole, too: every node has joined the new hub.
+    eventually(lambda: {*NODES} <= {each["name"] for each in nodes(bridged_lab)})
+
+
+def nodes(lab: Lab) -> list[dict[str, Any]]:
+    return list(lab.quadctl("node", "list", "--json").json or [])
 
 
 # ROS has no rights of its own: whoever reaches its router may act.

@@ -392,7 +392,7 @@ class FoxgloveClient:
         if self._why_no_goals(topic):
             return  # shown since the topic was advertised
         fly = partial(self._fly, topic, data)
-        taken = self._requests.order(fly, ("goal", topic), newest=True)
+        taken = self._requests.order(fly, newest=topic)
         self._check_room(taken, partial(self.complain, topic))
 
     def _forget(self, number: int) -> None:

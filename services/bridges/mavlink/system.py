@@ -220,7 +220,8 @@ class MavlinkSystem:
     def _command(self, peer: Peer, item: PlanItem, *, again: bool) -> None:
         """Execute a command; one that may be sent `again` is executed once meanwhile."""
         job = partial(self._execute, peer, item)
-        match self._requests.order(job, (peer, repr(item)), once=again):
+        newest = "goal" if item.command == mavlink.MAV_CMD_DO_REPOSITION else None
+        match self._requests.order(job, (peer, repr(item)), newest=newest, once=again):
             case "waits":
                 self._acknowledge(peer, item.command, mavlink.MAV_RESULT_IN_PROGRESS)
             case "full":

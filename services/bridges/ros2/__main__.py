@@ -192,7 +192,7 @@ class RosVehicle(BridgedVehicle):
     # Goals and calls
 
     def _on_goal(self, payload: bytes) -> None:
-        self._requests.order(partial(self._fly_to, payload), "goal", newest=True)
+        self._requests.order(partial(self._fly_to, payload), newest="goal")
 
     def _fly_to(self, payload: bytes) -> None:
         """Request a goal from safety; its verdict shows in the state."""

@@ -59,9 +59,9 @@ def test_reads_that_wait_hold_no_order_up():
 def test_of_goals_that_follow_each_other_only_the_newest_is_flown_to():
     client = Client()
     for name in range(1000):
-        client.queue.order(client.do(name), "goal", newest=True)
+        client.queue.order(client.do(name), newest="goal")
     client.queue.order(client.do("hold"))
-    client.queue.order(client.do("next"), "goal", newest=True)
+    client.queue.order(client.do("next"), newest="goal")
     client.gate.set()
     assert eventually(lambda: len(client.done) == 3)
     assert client.done == [999, "hold", "next"]

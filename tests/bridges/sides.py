@@ -4,7 +4,8 @@ import json
 import signal
 import socket
 import struct
-import threading
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
@@ -411,31 +412,42 @@ class RosSide(Side):
         attachment = noise.choice((None, junk, _attachment()))
         self._session.get("0/uav/toggle_cage/**", id, payload=junk, attachment=attachment)
 
-    @contextmanager
-    def half_open(self, number: int) -> Iterator[None]:
+    def half_open(self, number: int) -> AbstractContextManager[None]:
         """Call services without reading their responses."""
-        with raw_client(self._address) as session, _unread() as handler:
-            for each in range(number):
-                service = "hold" if each % 2 else "quadctl/list_parameters"
-                _query(session, handler, service, _HEAD + bytes(1 if each % 2 else 16))
-            yield
+        return _unread(self._address, str(number))
 
-    @contextmanager
-    def deaf(self) -> Iterator[None]:
-        with raw_client(self._address) as session, _unread() as handler:
-            subscriber = session.declare_subscriber("0/uav/**", handler)
-            yield
-            del subscriber
+    def deaf(self) -> AbstractContextManager[None]:
+        return _unread(self._address, "0")
+
+
+_UNREAD = """
+import json, struct, sys, threading, time, zenoh
+wait = zenoh.handlers.Callback(lambda _: threading.Event().wait(), indirect=False)
+config = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}, "timestamping": {"enabled": True}}
+config["scouting"] = {"multicast": {"enabled": False}}
+session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+sender = struct.pack("<qqB16s", 1, time.time_ns(), 16, bytes(16))
+for each in range(int(sys.argv[2])):
+    service, size = ("hold", 1) if each % 2 else ("quadctl/list_parameters", 16)
+    request = bytes([0, 1, 0, 0]) + bytes(size)
+    session.get(f"0/uav/{service}/**", wait, payload=request, attachment=sender, timeout=120)
+subscriber = None if int(sys.argv[2]) else session.declare_subscriber("0/uav/**", wait)
+print("up", flush=True)
+threading.Event().wait()
+"""
 
 
 @contextmanager
-def _unread() -> Iterator[Any]:
-    """Yield a handler that holds up the connection of its session until the end of the block."""
-    end = threading.Event()
-    try:
-        yield zenoh.handlers.Callback(lambda _: end.wait(), indirect=False)
-    finally:
-        end.set()
+def _unread(endpoint: str, calls: str) -> Iterator[None]:
+    """Run a client that holds its connection up: a process, as sessions of one share their threads."""
+    command = [sys.executable, "-c", _UNREAD, endpoint, calls]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline()
+            yield
+        finally:
+            process.kill()
 
 
 NAMES = ("foxglove", "mavlink", "ros2")

@@ -10,14 +10,15 @@ from quadctl.cli.context import Options
 from quadctl.cli.declarations import Option
 from quadctl.cli.fleet.file import Member
 from quadctl.cli.fleet.hubs import File, Hubs, fleet_of, print_results, row
+from quadctl.cli.fleet.sequence import settled
 from quadctl.cli.progress import FleetProgress
 from quadctl.cli.vehicle.goto import check_arrive
 from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.services import GotoRequest, HoldRequest
-from quadctl.schemas.topics import HOLD, POSE, STATE
+from quadctl.schemas.topics import HOLD, STATE
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Refused
-from quadctl.vehicle import Flight, distance, patience, slowed, speed
+from quadctl.vehicle import Flight, distance, patience, speed
 
 
 def hold(options: Options, file: File = None) -> None:
@@ -40,7 +41,6 @@ def hold(options: Options, file: File = None) -> None:
 
 
 _STOPPING = 5.0  # s to come to rest; in gusts a vehicle never does, and lands from where it is
-_SLOW = 0.05  # m/s: a slower vehicle may get a new goal
 _IDLE = 3.0
 """Simulated s on the ground after which a vehicle has landed although safety does not report its
 arrival: wind blew it farther off its goal than the acceptance range. Its motors idle by then."""
@@ -124,7 +124,8 @@ def _stop(client: Client, left: float, told: Barrier) -> None:
 
 def _land(client: Client, board: FleetProgress, name: str, arrive: float | None) -> Position:
     """Land a vehicle that stops; return the position on the ground, or raise the obstacle."""
-    at = (slowed(client, _SLOW, _STOPPING) or client.first(POSE)).position
+    # The way down of one that still stops is as wide as its stop: safety may refuse it beside another.
+    at = settled(client, _STOPPING).position
     goal = ground_below(at, client.latest(STATE))
     flight = _Descent(client, GotoRequest(goal.x, goal.y, goal.z, replace=True, wait=True))
     if not flight.accepted:

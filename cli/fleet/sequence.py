@@ -18,7 +18,7 @@ from quadctl.schemas.params import Params, SeparationParams
 from quadctl.schemas.services import GetParamsRequest, HoldRequest
 from quadctl.schemas.topics import HOLD, POSE_SLOW, STATE, get_params
 from quadctl.schemas.typed import converted
-from quadctl.schemas.zones import FARTHEST, ZoneParams
+from quadctl.schemas.zones import FARTHEST
 from quadctl.services.airspace.airworthiness import stopping_law
 from quadctl.services.airspace.cage import bounds, why_outside
 from quadctl.services.airspace.geometry import Piece, Point, around, distance, place_of
@@ -31,8 +31,6 @@ from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut, Unr
 from quadctl.services.runtime.params.names import put
 from quadctl.vehicle import Flight, goal_of, slowed
 
-_STOP = ["safety.reaction", "safety.max_acceleration", "safety.min_deceleration"]
-_NAMES = ["safety.separation", "safety.zones", *_STOP]
 _LOOK = 0.05
 """Seconds between two looks at the vehicles' distances."""
 
@@ -137,26 +135,41 @@ def _known(client: Client, *, replace: bool) -> Known:
     while not replace and _rises(state, pose) and time.monotonic() < ends:
         time.sleep(_LOOK)
         state, pose = client.latest(STATE), client.first(POSE_SLOW)
-    values = client.call(get_params("safety"), GetParamsRequest(_NAMES)).values
-    separation = SeparationParams(
-        values["safety.separation.radius"], values["safety.separation.height"]
-    )
+    params = _params(client)
+    safety, law = params.safety, _law_of(params)
     cage = state.cage if state.cage_on else CageSize(FARTHEST, FARTHEST, FARTHEST)
-    zones = converted(values["safety.zones"], list[ZoneParams]) if state.cage_on else []
+    zones = safety.zones if state.cage_on else []
     flies_to = state.goal if state.state == "MOVING" else None
-    flown: dict[str, Any] = {}
-    for name, value in client.call(
-        get_params("dynamics"), GetParamsRequest(["dynamics"])
-    ).values.items():
-        put(flown, name, value, "dynamics")
-    dynamics = converted(flown, Params).dynamics
-    law = stopping_law(dynamics.vehicle, dynamics.control, dynamics.wind)
-    law = law.declared(*(values[name] for name in _STOP))
     if not flies_to:
-        # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
-        pose = slowed(client, AT_REST, _STOPPING, law.settling) or client.first(POSE_SLOW)
-    region, lockstep = Region(zones), dynamics.in_lockstep
-    return Known(pose, flies_to, law, separation, cage, region, lockstep)
+        pose = _settled(client, law, _STOPPING)
+    region, lockstep = Region(zones), params.dynamics.in_lockstep
+    return Known(pose, flies_to, law, safety.separation, cage, region, lockstep)
+
+
+def settled(client: Client, within: float) -> Pose:
+    """Return the pose at which a vehicle has stopped for good, or the newest one after `within` s."""
+    return _settled(client, _law_of(_params(client)), within)
+
+
+def _settled(client: Client, law: StoppingLaw, within: float) -> Pose:
+    # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
+    return slowed(client, AT_REST, within, law.settling) or client.first(POSE_SLOW)
+
+
+def _params(client: Client) -> Params:
+    """Return the parameters that a vehicle's safety and dynamics have declared."""
+    declared: dict[str, Any] = {}
+    for node in ("safety", "dynamics"):
+        values = client.call(get_params(node), GetParamsRequest([node])).values
+        for name, value in values.items():
+            put(declared, name, value, node)
+    return converted(declared, Params)
+
+
+def _law_of(params: Params) -> StoppingLaw:
+    flown, safety = params.dynamics, params.safety
+    law = stopping_law(flown.vehicle, flown.control, flown.wind)
+    return law.declared(safety.reaction, safety.max_acceleration, safety.min_deceleration)
 
 
 def _rises(state: SafetyState, pose: Pose) -> bool:

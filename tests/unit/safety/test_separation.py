@@ -102,10 +102,24 @@ def flight(*starts: tuple[float, float, float]) -> FleetFlight:
     return FleetFlight(*(Position(*start) for start in starts))
 
 
+def places(fleet: FleetFlight) -> list[Position]:
+    return [member.monitor.pose.position for member in fleet.members]
+
+
 def test_a_goal_past_another_vehicle_is_refused_with_its_name():
     fleet = flight((-1, 0, 1), (0, 0, 1))
     assert fleet.goto(0, Position(1, 0, 1)) == "separation: uav1 is too near the way"
     assert fleet.goto(0, Position(0, 1.4, 1)) == ""
+    assert fleet.land().nearest > 1
+
+
+def test_a_way_straight_down_beside_another_needs_a_vehicle_that_has_stopped_for_good():
+    fleet = flight((0.92, 1.04, 1), (-0.17, 1.34, 1))
+    below = Position(0.92, 1.04, 0)
+    fleet.members[0].monitor.hold()
+    assert fleet.goto(0, below) == "separation: uav1 is too near the way"
+    fleet.fly(fleet.members[0].law.settling + 0.1)
+    assert [fleet.goto(n, replace(p, z=0.0)) for n, p in enumerate(places(fleet))] == ["", ""]
     assert fleet.land().nearest > 1
 
 

@@ -87,12 +87,12 @@ def _run(words: list[str]) -> None:
     if os.environ.get(_COMPLETING):
         from quadctl.cli.completion import shells
 
-        fits = shells.answer()
-        if fits is None:
-            from quadctl.cli.completion import installation
+        if (fits := shells.answer()) is not None:
+            output.line(fits)
+            return
+        from quadctl.cli.completion import installation
 
-            installation.run()
-        output.line(fits)
+        installation.show(os.environ[_COMPLETING].rpartition("_")[2])
         return
     try:
         line = parser.read(words)

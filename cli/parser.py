@@ -53,7 +53,7 @@ def _act(path: str, name: str, *, as_json: bool) -> None:
     else:
         from quadctl.cli.completion import installation
 
-        installation.run(f"--{name.replace('_', '-')}")
+        installation.show() if name == "show_completion" else installation.install()
     raise SystemExit
 
 

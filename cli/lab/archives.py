@@ -316,16 +316,19 @@ class _Header(tarfile.TarInfo):
     """Header that must be whole: tarfile takes a broken one for the end, and reads extensions of any size."""
 
     @classmethod
-    def frombuf(cls, buf: bytes | bytearray, encoding: str, errors: str) -> Self:
+    def fromtarfile(cls, archive: tarfile.TarFile) -> Self:
         try:
-            header = super().frombuf(buf, encoding, errors)
+            return super().fromtarfile(archive)
+        except tarfile.EOFHeaderError:  # type: ignore[attr-defined]
+            raise  # a block of zeros: this is the end
         except tarfile.HeaderError as error:
-            if len(buf) == tarfile.BLOCKSIZE and not any(buf):
-                raise  # this is the end
             raise tarfile.ReadError(str(error)) from error
-        if header.size > _MOST_HEADER and header.type in _EXTENSIONS:
+
+    def _proc_member(self, archive: tarfile.TarFile) -> tarfile.TarInfo:
+        # tarfile calls it with each header before it reads what belongs to it, for subclasses to change.
+        if self.size > _MOST_HEADER and self.type in _EXTENSIONS:
             raise tarfile.ReadError("a header is too large")
-        return header
+        return super()._proc_member(archive)  # type: ignore[misc, no-any-return]
 
 
 def _of_tar(file: Path) -> Iterator[ArchiveEntry]:

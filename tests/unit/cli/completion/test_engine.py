@@ -248,10 +248,12 @@ def test_other_shells_get_their_own_format(shell: str, line: str, expected: str)
     assert answer(environment) == expected
 
 
-def test_any_other_request_is_left_to_typer(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
+def test_a_request_of_another_shell_is_refused(quadctl: Quadctl, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(os.environ, "_QUADCTL_COMPLETE", "complete_tcsh")
     assert answer() is answer({}) is None
-    assert quadctl("init") == (1, "", "Shell tcsh not supported.\n")
+    done = quadctl("init")
+    assert (done[0], done[1]) == (1, "")
+    assert done[2].startswith("error: there is no completion for tcsh\n")
 
 
 def test_typer_installs_our_scripts():

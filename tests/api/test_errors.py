@@ -244,7 +244,7 @@ for use in (quad.pose, quad.hold, lambda: next(watch), lambda: quadctl.connect(r
             run.close()
             sys.exit(7)
         sys.exit(1)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 print(quad.pose().seq >= 0)
 """
 

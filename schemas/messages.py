@@ -73,6 +73,12 @@ class Pose(Struct, frozen=True):
     body_rates: BodyRates
 
 
+class Poses(Struct, frozen=True):
+    """Poses that go out together, the oldest first."""
+
+    poses: list[Pose]
+
+
 class Waypoint(Struct, frozen=True, forbid_unknown_fields=True):
     """Request to fly to this point, m, ENU: the lab's fire-and-forget command."""
 

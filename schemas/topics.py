@@ -9,6 +9,7 @@ from quadctl.schemas.messages import (
     Called,
     Info,
     Pose,
+    Poses,
     Pressure,
     SafetyState,
     Setpoint,
@@ -103,6 +104,11 @@ POSE = Topic("pose", Pose, node="dynamics", hz=100, doc="True pose of the vehicl
 POSE_SLOW = Topic(
     "pose/slow", Pose, node="dynamics", hz=20, doc="The poses that safety answers, every fifth."
 )
+POSES = Topic(
+    "@all/pose", Poses, node="dynamics", hz=20, doc="All poses up to one that safety answers."
+)
+"""In lock-step, the messages of POSE for those that need each of them: one wake for five. Wildcards do
+not match the chunk `@all`."""
 PRESSURE = Topic(
     "sensors/pressure", Pressure, node="pressure", hz=10, doc="Barometer, baseline subtracted."
 )

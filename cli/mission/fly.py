@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, Any, Generic, TypeVar
@@ -18,6 +18,7 @@ from quadctl.cli.mission.digest import FlightRecord, Record
 from quadctl.cli.mission.mission import NODES, CallStep, MissionFile, ParamStep, Row, mission
 from quadctl.cli.progress import Progress
 from quadctl.cli.temporary_run import temporary_run
+from quadctl.schemas.messages import Poses
 from quadctl.schemas.params import Params, in_lockstep
 from quadctl.schemas.services import (
     CalibrateRequest,
@@ -31,9 +32,12 @@ from quadctl.schemas.services import (
 )
 from quadctl.schemas.topics import (
     CALIBRATE,
+    POSE,
+    POSES,
     RESET,
     STATE,
     TOGGLE_CAGE,
+    Topic,
     get_params,
     set_params,
 )
@@ -98,7 +102,7 @@ class MissionFlight(Generic[R]):
         self._patience = _PATIENCE + _SLOWER * mission.end / speed
         self.record = record(self._boot, mission.end)
         self._awaited, self._ended = len(nodes), threading.Event()
-        self._readings = client.subscribe(*self.record.topics, backlog=_BACKLOG)
+        self._readings = client.subscribe(*_fewer(client, self.record.topics), backlog=_BACKLOG)
         self.rows: list[tuple[Row, FutureCall[Any, Any]]] = []
         self._ends: list[FutureCall[Any, Any]] = []
 
@@ -194,7 +198,8 @@ class MissionFlight(Generic[R]):
         before = self.record.stamp
         for _ in range(self._readings.waiting):
             if (message := self._readings.next(0)) is not None:
-                self.record.add(message)
+                for each in message.poses if isinstance(message, Poses) else (message,):
+                    self.record.add(each)
         if self._readings.lost:
             raise QuadctlError(
                 f"{self._readings.lost} messages were lost: they come faster than they can be read",
@@ -238,6 +243,16 @@ class MissionFlight(Generic[R]):
                 problem = error.message
             if problem:
                 output.note(f"{', '.join(before)}: still as the mission has set it: {problem}")
+
+
+def _fewer(client: Client, topics: Sequence[Topic[Any]]) -> list[Topic[Any]]:
+    """Return the topics, with all poses of a period in one message if dynamics publishes these."""
+    batches = client.subscribe(POSES)
+    try:
+        batched = batches.next(_SILENCE) is not None
+    finally:
+        batches.close()
+    return [POSES if batched and topic is POSE else topic for topic in topics]
 
 
 def fly(

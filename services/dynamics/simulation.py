@@ -17,9 +17,17 @@ from typing import Any
 import msgspec
 from msgspec import structs
 
-from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
+from quadctl.schemas.messages import (
+    BodyRates,
+    Pose,
+    Poses,
+    Position,
+    Quaternion,
+    Setpoint,
+    Velocity,
+)
 from quadctl.schemas.params import FROM_STANDSTILL, DynamicsParams, FlightFaultParams, Params
-from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT
+from quadctl.schemas.topics import POSE, POSE_SLOW, POSES, SETPOINT
 from quadctl.services.airspace import airworthiness
 from quadctl.services.dynamics.vehicle import Fly, Vehicle
 from quadctl.services.runtime.errors import Refused
@@ -111,6 +119,7 @@ class Simulation:
         self.boot()
         self.poses = node.publisher(POSE, lambda: params.dynamics.rate, together=True)
         self._due_poses = node.publisher(POSE_SLOW, together=True)
+        self._all_poses = node.publisher(POSES) if self._in_lockstep else None
         self._poses_per_tick, self._last_tick = 1, 0.0
         # Setpoints take effect at the next pose, so they need not wake the node before it.
         self._setpoints = node.listen(SETPOINT, self._on_setpoint, wakes=False)
@@ -246,6 +255,8 @@ class Simulation:
         reported = self._reported.through(pose)
         self._unsent.append(reported)
         if self._params.speed != 0 or self._answer_is_due:
+            if self._all_poses:
+                self._all_poses.put(Poses(self._unsent.copy()))
             # To encode and route a pose for nobody would take half as long as its flight.
             if self._in_lockstep or self.poses.has_subscribers:
                 for pose in self._unsent:

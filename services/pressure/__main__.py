@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
-from quadctl.schemas.messages import Pose
+from quadctl.schemas.messages import Pose, Poses
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateRequest, CalibrateResponse
-from quadctl.schemas.topics import CALIBRATE, POSE, POSE_SLOW, PRESSURE, Topic, period
+from quadctl.schemas.topics import CALIBRATE, POSE, POSE_SLOW, POSES, PRESSURE, Topic, period
 from quadctl.services.pressure import iio
 from quadctl.services.pressure.barometer import Barometer, NoSample, SensorFaults
 from quadctl.services.pressure.iio import has_pressure, hectopascals
@@ -121,7 +122,7 @@ class Rhythm:
         self._output = Output(node, params, self._now)
         self._boot, self._last = "", -1
         self._pose: Pose | None = None
-        self._has_slow = True
+        self._is_ours = True
         self._topic = self._needed()
         self._poses = self._listen()
         node.on_params = self._on_params
@@ -130,8 +131,8 @@ class Rhythm:
     def run(self) -> None:
         """Take readings until stopped."""
         if not self._node.wait_for(lambda: self._pose is not None, FIRST_POSE):
-            # A vehicle that is not ours may publish no slow poses.
-            self._has_slow = False
+            # A vehicle that is not ours may publish no others than the fast ones.
+            self._is_ours = False
         for now in self._node.ticks(lambda: self._params.pressure.rate):
             self._change_topic()
             if not self._lockstep:
@@ -141,10 +142,14 @@ class Rhythm:
         self._output.log_fault()
         self._change_topic()
 
-    def _needed(self) -> Topic[Pose]:
-        """Return the slowest poses that have one for each reading."""
-        suffices = self._has_slow and not POSE_SLOW.hz % self._params.pressure.rate
-        return POSE_SLOW if suffices and not self._lockstep else POSE
+    def _needed(self) -> Topic[Any]:
+        """Return the topic with the fewest messages that has a pose for each reading."""
+        if not self._is_ours:
+            return POSE
+        if self._lockstep:
+            # Not the slow poses: a changed rate would change the topic, and lose poses meanwhile.
+            return POSES
+        return POSE if POSE_SLOW.hz % self._params.pressure.rate else POSE_SLOW
 
     def _change_topic(self) -> None:
         if (needed := self._needed()) is not self._topic:
@@ -152,13 +157,17 @@ class Rhythm:
             self._topic = needed
             self._poses = self._listen()
 
-    def _listen(self) -> Subscription[Pose]:
+    def _listen(self) -> Subscription[Any]:
         # In real time, poses between two readings need wake no process.
-        return self._node.listen(self._topic, self._on_pose, _DEPTH, wakes=self._lockstep)
+        return self._node.listen(self._topic, self._on_poses, _DEPTH, wakes=self._lockstep)
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""
         return self._pose.stamp if self._lockstep and self._pose else time.monotonic()
+
+    def _on_poses(self, message: Pose | Poses) -> None:
+        for pose in message.poses if isinstance(message, Poses) else (message,):
+            self._on_pose(pose)
 
     def _on_pose(self, pose: Pose) -> None:
         self._pose = pose

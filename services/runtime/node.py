@@ -118,7 +118,10 @@ class Node:
         require(topic, Topic, "STATE of quadctl.schemas.topics")
         key = topic.key(self.vehicle)
         self._check("publish", key)
-        self._offers.append(lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz()))
+        if not topic.name.startswith("@"):  # what a wildcard does not match is the lab's own affair
+            self._offers.append(
+                lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz())
+            )
         defer = self.executor.defer if together and not self.single else None
         publisher = Publisher(self._session, key, topic, waits=self._lockstep, defer=defer)
         if topic.latched:

@@ -36,7 +36,7 @@ _TO: dict[Right, list[str]] = {
 _LIVELINESS = ["liveliness_query", "declare_liveliness_subscriber"]
 _ROLL = ["*/@node/*", "*/@node/*/@pub/**", "*/@node/*/@srv/**", "*/@node/*/@sub/**"]
 """Everyone may ask for all nodes and endpoints; only the answers need the right `see`."""
-_EVERYWHERE = ["**", "*/@call/**", "*/@srv/**", "*/@node/**", *_ROLL]
+_EVERYWHERE = ["**", "*/@all/**", "*/@call/**", "*/@srv/**", "*/@node/**", *_ROLL]
 
 _MESSAGES = sorted({m for side in (_FROM, _TO) for messages in side.values() for m in messages})
 

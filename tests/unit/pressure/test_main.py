@@ -7,7 +7,7 @@ import pytest
 
 from quadctl.schemas.messages import Called, Pose
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import POSE, POSE_SLOW, Topic
+from quadctl.schemas.topics import POSE, POSE_SLOW, POSES, Topic
 from quadctl.services.pressure.__main__ import device, run
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
@@ -44,7 +44,7 @@ def test_without_a_device_the_error_names_the_searched_folder(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("rate", "speed", "topic"),
-    [(10.0, 1.0, POSE_SLOW), (4.0, 1.0, POSE_SLOW), (15.0, 1.0, POSE), (10.0, 0.0, POSE)],
+    [(10.0, 1.0, POSE_SLOW), (4.0, 1.0, POSE_SLOW), (15.0, 1.0, POSE), (10.0, 0.0, POSES)],
 )
 def test_the_barometer_subscribes_to_the_poses_that_its_rate_needs(
     rate: float, speed: float, topic: Topic[Pose]

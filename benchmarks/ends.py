@@ -20,10 +20,13 @@ class Ends(NamedTuple):
 
 
 @contextmanager
-def ends(sender: str, receiver: str, receivers: int, size: int) -> Iterator[dict[Side, Ends]]:
+def ends(
+    sender: str, receiver: str, receivers: int, size: int, *, by_hand: bool = False
+) -> Iterator[dict[Side, Ends]]:
     """Start a hub, a master, and the ends of each installed side; wait until all are ready.
 
     `sender` and `receiver` are roles of the workers, `size` is the payload of bare Zenoh (bytes).
+    With `by_hand`, the ends on bare Zenoh encode and decode our type with msgspec.
     """
     with ExitStack() as stack:
         home = stack.enter_context(hub())
@@ -32,7 +35,8 @@ def ends(sender: str, receiver: str, receivers: int, size: int) -> Iterator[dict
             return [*PYTHON, "benchmarks.ours.node", REALM, name, role], home.environment
 
         def raw(_name: str, role: str) -> _Command:
-            return [*PYTHON, "benchmarks.raw.node", home.endpoint, role, str(size)], home.raw
+            kind = f"{role}_pose" if by_hand else role
+            return [*PYTHON, "benchmarks.raw.node", home.endpoint, kind, str(size)], home.raw
 
         makers: dict[Side, Callable[[str, str], _Command]] = {"ours": ours, "raw": raw}
         if not ros.absent():

@@ -40,7 +40,8 @@ def _whole(group: str, measure: Callable[[Results, Effort], None]) -> Part:
 PARTS = (
     _whole("commands", commands.measure),
     _whole("calls", calls.measure),
-    Part("topics", ("topic_100", "topic_1000", "throughput", "throughput_lost"), topics.measure_one),
+    Part("topics", ("topic_100", "topic_1000"), topics.measure_one),
+    Part("topics", ("throughput", "throughput_lost", "steady_lost"), topics.measure_throughput),
     Part("topics", ("topic_fan",), topics.measure_fan),
     Part("launches", ("launch", "interrupt", "orphan"), launches.measure),
     Part("launches", ("leftovers",), launches.measure_leftovers),

@@ -1,7 +1,8 @@
 """Ends of a service and a topic on bare Zenoh: `node.py ENDPOINT NAME ROLE BYTES`.
 
 They have no types and no guarantees. ROLE is serve, call, listen, publish, or ping (publish, and wait
-for the answer of pong); payloads have BYTES bytes. The route (clients of a hub on a Unix socket) and
+for the answer of pong); payloads have BYTES bytes. As `publish_pose` and `listen_pose` they encode and
+decode poses, as a person writes it by hand. The route (clients of a hub on a Unix socket) and
 `ZENOH_RUNTIME` are the same as ours.
 """
 
@@ -10,10 +11,13 @@ import sys
 import time
 from queue import SimpleQueue
 
+import msgspec
 import zenoh
 
+from benchmarks.ours.node import pose
 from benchmarks.raw.session import opened
 from benchmarks.worker import Arrivals, flood, paced, serve, timed
+from quadctl.schemas.messages import Pose
 
 SERVICE, TOPIC, ANSWER = "raw/@srv/toggle_cage", "raw/pose", "raw/setpoint"
 _STAMP = struct.Struct("<d")
@@ -55,22 +59,30 @@ def main(endpoint: str, role: str, size: str) -> None:
             trip=lambda count: timed(trip, count),
             heard=lambda: str(answered.key_expr),
         )
-    if role == "publish":
+    by_hand = role.endswith("_pose")
+    if role.startswith("publish"):
         publisher, rest = session.declare_publisher(TOPIC), filling[_STAMP.size :]
 
         def put(_number: int) -> None:
             publisher.put(_STAMP.pack(time.monotonic()) + rest)
 
+        def put_pose(number: int) -> None:
+            publisher.put(msgspec.msgpack.encode(pose(number)))
+
+        send = put_pose if by_hand else put
         serve(
-            publish=lambda count, hz: paced(put, count, hz),
-            flood=lambda seconds: flood(put, seconds),
+            publish=lambda count, hz: paced(send, count, hz),
+            flood=lambda seconds: flood(send, seconds),
         )
-    arrivals = Arrivals()
+    arrivals, decoder = Arrivals(), msgspec.msgpack.Decoder(Pose)
 
     def heard(sample: zenoh.Sample) -> None:
         arrivals.add(_STAMP.unpack_from(sample.payload.to_bytes())[0])
 
-    subscriber = session.declare_subscriber(TOPIC, heard)
+    def heard_pose(sample: zenoh.Sample) -> None:
+        arrivals.add(decoder.decode(sample.payload.to_bytes()).stamp)
+
+    subscriber = session.declare_subscriber(TOPIC, heard_pose if by_hand else heard)
     serve(take=arrivals.take, rate=arrivals.rate, heard=lambda: str(subscriber.key_expr))
 
 

@@ -3,11 +3,12 @@
 import codecs
 import errno
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from quadctl.services.runtime.errors import Invalid
 
@@ -47,12 +48,31 @@ class Text(NamedTuple):
         return self.mark + text.encode(self.encoding)
 
 
+def opened(path: Path) -> IO[bytes]:
+    """Open a file for reading; raise OSError if it cannot be, or is a pipe without a writer.
+
+    An ordinary open would wait for a writer, perhaps for ever.
+    """
+    found = open(path, "rb", opener=_at_once)  # noqa: SIM115 - Path.open has no opener
+    if stat.S_ISFIFO(os.fstat(found.fileno()).st_mode) and not found.peek(1):
+        found.close()
+        raise OSError(errno.EPIPE, "it is a pipe to which nothing writes")
+    return found
+
+
+def _at_once(path: str, flags: int) -> int:
+    descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    if hasattr(os, "O_NONBLOCK"):
+        os.set_blocking(descriptor, True)
+    return descriptor
+
+
 def read_text(file: Path, hint: str) -> Text:
     """Read a text of any editor, UTF-8, UTF-16 or UTF-32; raise Invalid if it cannot be read."""
     try:
-        with file.open("rb") as opened:
+        with opened(file) as found:
             # Pipes are allowed, but a device such as /dev/zero never ends.
-            data = opened.read(_MOST_BYTES + 1)
+            data = found.read(_MOST_BYTES + 1)
     except OSError as error:
         raise unreadable(file, error, hint) from error
     if len(data) > _MOST_BYTES:

@@ -16,7 +16,7 @@ from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 from mcap.summary import Summary
 from mcap.writer import MCAP0_MAGIC
 
-from quadctl.services.runtime.files import unreadable
+from quadctl.services.runtime import files
 
 _INDEX: dict[int, Any] = {
     Opcode.FOOTER: Footer,
@@ -172,6 +172,6 @@ def has_magic(file: IO[bytes], end: int) -> bool:
 def opened(path: Path) -> IO[bytes]:
     """Open a file for reading; raises Invalid if it cannot be read."""
     try:
-        return path.open("rb")
+        return files.opened(path)
     except OSError as error:
-        raise unreadable(path, error, "`quadctl record` writes recordings") from error
+        raise files.unreadable(path, error, "`quadctl record` writes recordings") from error

@@ -2,12 +2,15 @@
 
 import os
 import resource
+import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from quadctl.services.runtime.errors import Invalid
-from quadctl.services.runtime.files import write_new, write_whole
+from quadctl.services.runtime.files import read_text, write_new, write_whole
+from tests.support.running import eventually
 
 
 def test_an_existing_file_is_not_overwritten(tmp_path: Path):
@@ -69,3 +72,22 @@ def test_an_unwritable_path_is_an_error(tmp_path: Path):
         with pytest.raises(Invalid, match="cannot be written"):
             write_whole(place, b"new")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.timeout(20)
+def test_a_pipe_without_a_writer_is_refused_and_one_with_a_writer_is_read(tmp_path: Path):
+    pipe = tmp_path / "quad.toml"
+    os.mkfifo(pipe)
+    with pytest.raises(Invalid, match="is a pipe to which nothing writes"):
+        read_text(pipe, "name a file")
+    writer = threading.Thread(target=pipe.write_text, args=("text",))
+    writer.start()
+
+    def content() -> str:
+        with suppress(Invalid):  # the writer is not there yet
+            return read_text(pipe, "name a file").text
+        return ""
+
+    assert eventually(content) == "text"
+    writer.join()

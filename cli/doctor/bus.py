@@ -7,6 +7,7 @@ from quadctl.cli.context import own_topic
 from quadctl.cli.doctor.check import Finding, failed, no_duplicates, passed, warned
 from quadctl.cli.doctor.run import Settings, faults, parameters
 from quadctl.schemas.barometer import AIR
+from quadctl.schemas.digests import go_together
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.messages import Pressure
 from quadctl.schemas.params import in_lockstep
@@ -23,7 +24,6 @@ from quadctl.schemas.topics import (
     get_params,
     set_params,
 )
-from quadctl.schemas.typeinfo import schema_hash
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.diagnosis import NOT_OFFERED_FIX, not_offered
 from quadctl.services.runtime.bus.survey import Survey, TopicStats
@@ -74,7 +74,7 @@ def _readings(payloads: Iterable[bytes]) -> list[float]:
 
 _SERVED: tuple[Service[Any, Any], ...] = (*SERVICES, get_params(""), set_params(""))
 _TYPES = MESSAGES | {service.type_name: service.request for service in _SERVED}
-_HASHES = {name: schema_hash(type_) for name, type_ in _TYPES.items()}
+_HASHES = {name: codec.digest(type_) for name, type_ in _TYPES.items()}
 
 
 def announced(found: Survey, run: RunState | None) -> Finding:
@@ -100,16 +100,23 @@ def announced(found: Survey, run: RunState | None) -> Finding:
 
 
 def schemas(found: Survey) -> Finding:
-    """Check that the lab's types, as the nodes announce them, have the fields known here."""
-    others = sorted({
-        f"{offer.node} has {offer.type}#{offer.hash}, here it is #{_HASHES[offer.type]}"
+    """Check that the lab's types, as the nodes announce them, go together with those known here."""
+    others = {
+        f"{offer.node} has {offer.type}#{offer.hash}, here it is #{ours}": go_together(
+            offer.hash, ours
+        )
         for offer in found.offers
-        if offer.hash != _HASHES.get(offer.type, offer.hash)
-    })  # fmt: skip
-    if others:
+        if offer.hash != (ours := _HASHES.get(offer.type, offer.hash))
+    }
+    if bad := sorted(text for text, fits in others.items() if not fits):
         fix = "install the same version on both sides: `quadctl --version`, then `quadctl up -d`"
-        return failed("schemas", "\n".join(others), fix)
+        return failed("schemas", "\n".join(bad), fix)
     count = len({offer.key for offer in found.offers})
+    if others:
+        other = "go together; of other versions:"
+        return passed(
+            "schemas", "\n".join([f"{count} topics and services {other}", *sorted(others)])
+        )
     return passed("schemas", f"{count} topics and services have the fields known here")
 
 

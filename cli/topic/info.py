@@ -104,7 +104,9 @@ def _may_publish(options: Options, key: str) -> bool:
 
 def _described(key: str, found: list[EndpointInfo], ours: Topic[Any] | None) -> dict[str, Any]:
     """Describe a topic as its nodes announce it, publishers first, else as our contract does."""
-    from quadctl.schemas.typeinfo import definition, schema_hash
+    from quadctl.schemas.digests import go_together
+    from quadctl.schemas.typeinfo import definition
+    from quadctl.services.runtime.bus.codec import digest as digest_of
 
     type_: Any
     if found:
@@ -113,8 +115,8 @@ def _described(key: str, found: list[EndpointInfo], ours: Topic[Any] | None) -> 
     else:
         assert ours is not None  # noqa: S101 - the caller's promise
         type_, hz = ours.type, ours.hz
-        name, digest = type_.__name__, schema_hash(type_)
-    fields = definition(type_) if type_ and schema_hash(type_) == digest else ""
+        name, digest = type_.__name__, digest_of(type_)
+    fields = definition(type_) if type_ and go_together(digest_of(type_), digest) else ""
     return {
         "key": key,
         "type": name,

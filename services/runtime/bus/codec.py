@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import Struct
 
-from quadctl.schemas.digests import DIGESTS, place
+from quadctl.schemas.digests import DIGESTS, go_together, place
 from quadctl.schemas.services import Call, Error
 from quadctl.schemas.typed import BUILDING, json_decoder
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
@@ -90,7 +90,7 @@ encode = msgspec.msgpack.encode
 
 @cache
 def digest(type_: type[Struct]) -> str:
-    """Return the first 8 hex digits of a schema's digest; safe to call from any thread."""
+    """Return 8 hex digits of a schema, and those of its earlier versions; safe to call from any thread."""
     if known := DIGESTS.get(place(type_)):
         return known
     from quadctl.schemas.typeinfo import schema_hash
@@ -128,10 +128,23 @@ def _error_decoder() -> Any:
 def decode(type_: type[M], payload: bytes, encoding: str) -> M:
     """Check the sender's encoding and decode; raise SchemaMismatch or Invalid.
 
-    Another digest of `type_` is refused; without a digest the fields are checked one by one.
+    Another digest of `type_` is refused unless one side's version follows the other's; without a
+    digest the fields are checked one by one.
     """
     check_schema(type_, encoding)
-    return decode_fields(type_, payload)
+    try:
+        return decode_fields(type_, payload)
+    except Invalid as error:
+        if _digest_in(encoding).partition(".")[0] in {"", *digest(type_).split(".")}:
+            raise
+        raise Invalid(error.message, _NEWER) from error
+
+
+_NEWER = "the sender's quadctl is newer: leave that field at its default, or install it here, too"
+
+
+def _digest_in(encoding: str) -> str:
+    return encoding.removeprefix(PREFIX).partition("#")[2] if is_typed(encoding) else ""
 
 
 def decode_fields(type_: type[M], payload: bytes) -> M:
@@ -171,11 +184,11 @@ def type_name(encoding: str) -> str:
 
 
 def check_schema(type_: type[Struct], sent_encoding: str) -> None:
-    """Raise SchemaMismatch if the sender's encoding names another type or digest."""
+    """Raise SchemaMismatch if the sender's encoding names another type, or a version that does not fit."""
     if type_ is _PLAIN or sent_encoding == encoding(type_) or not is_typed(sent_encoding):
         return
-    name, _, theirs = sent_encoding.removeprefix(PREFIX).partition("#")
-    if name != type_.__name__ or (theirs and theirs != digest(type_)):
+    name, theirs = type_name(sent_encoding), _digest_in(sent_encoding)
+    if name != type_.__name__ or (theirs and not go_together(theirs, digest(type_))):
         ours = encoding(type_).removeprefix(PREFIX)
         raise SchemaMismatch(
             f"schema mismatch: the sender has {name}#{theirs}, this side has {ours}",

@@ -113,9 +113,9 @@ def answer_of(reply: zenoh.Reply, seconds: float) -> Answer:
     server = str(reply.replier_id.zid) if reply.replier_id else ""
     code, values = "", {}
     if (ok := reply.ok) is not None:
-        if str(ok.encoding) == codec.encoding(GetParamsResponse):
+        if codec.type_name(encoding := str(ok.encoding)) == GetParamsResponse.__name__:
             try:
-                values = codec.decode_fields(GetParamsResponse, ok.payload.to_bytes()).values
+                values = codec.decode(GetParamsResponse, ok.payload.to_bytes(), encoding).values
             except Invalid as error:
                 code = error.code
     elif reply.err is None or str(reply.err.encoding) != codec.ERROR_ENCODING:

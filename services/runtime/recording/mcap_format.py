@@ -24,7 +24,8 @@ class Stored(NamedTuple):
     """A message as stored in a recording.
 
     `encoding` is MCAP's name for the format of `data`. `packed` messages were MessagePack on the
-    bus. `message` is the message decoded as one of our types, if possible.
+    bus. `message` is the message decoded as one of our types, if possible; of another version,
+    `data` has more fields than it, or fewer.
     """
 
     encoding: str
@@ -48,6 +49,8 @@ class Form:
         named: type[Struct] | None = topic.type if topic else None
         self._type = MESSAGES.get(codec.type_name(encoding), named)
         self._exact = self._type is not None and encoding == codec.encoding(self._type)
+        # Of another version; decoding would drop its fields that we lack, and fill in ours.
+        self._other = codec.is_typed(encoding) and "#" in encoding and not self._exact
         # A free table may hold values that JSON lacks, e.g. infinity.
         self._free = self._type is not None and any(
             isinstance(field.type, inspect.DictType) for field in fields(self._type)
@@ -57,10 +60,10 @@ class Form:
         """Return the message in the most readable format that loses nothing."""
         if (message := self._typed(payload)) is not None:
             data = msgspec.json.encode(message)
-            if not self._free or restored(data, packed=True) == payload:
+            if not (self._free or self._other) or restored(data, packed=True) == payload:
                 return Stored(JSON, True, data, message)
         if (table := _as_json(payload)) is not None:
-            return Stored(JSON, True, table)
+            return Stored(JSON, True, table, message if self._other else None)
         if self._is_json_table(payload):
             return Stored(JSON, False, payload)
         packed = self._encoding.startswith("application/msgpack")
@@ -73,7 +76,7 @@ class Form:
             message: Struct = codec.decode(self._type, payload, self._encoding)
         except Invalid:
             return None
-        if self._exact:
+        if self._exact or self._other:
             return message
         # Decoding would lose fields that another program added to ours.
         names = {field.encode_name for field in fields(self._type)}

@@ -188,6 +188,9 @@ def test_a_schema_mismatch_fails():
     other = bus.schemas(survey(offers=[replace(POSE, hash="deadbeef")]))
     assert verdict(other) == "FAIL"
     assert other.evidence == f"dynamics has Pose#deadbeef, here it is #{POSE.hash}"
+    newer = bus.schemas(survey(offers=[replace(POSE, hash=f"deadbeef.{POSE.hash}")]))
+    assert verdict(newer) == "PASS"
+    assert f"dynamics has Pose#deadbeef.{POSE.hash}" in newer.evidence
 
 
 def test_a_second_server_of_a_service_fails():

@@ -13,6 +13,7 @@ from hypothesis import given, settings, strategies as st
 from msgspec import Struct
 
 from quadctl.cli import output
+from quadctl.schemas.digests import go_together
 from quadctl.schemas.messages import Info, Pose, SafetyState, Waypoint
 from quadctl.schemas.services import (
     CalibrateRequest,
@@ -187,6 +188,43 @@ def test_another_hash_is_refused_and_both_are_named():
     assert "CalibrateRequest#0badcafe" in caught.value.message
     assert "CalibrateRequest#d4c4fd3c" in caught.value.message
     assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs"),
+    [("1.0", "1.0"), ("1.1.1.0", "1.0"), ("1.0", "1.1.1.0"), ("1.2.1.1.1.0", "1.1.1.0")],
+)
+def test_a_version_goes_together_with_those_that_it_follows(ours: str, theirs: str):
+    digests = {"1.0": "d4c4fd3c", "1.1.1.0": "11111111.d4c4fd3c"}
+    digests["1.2.1.1.1.0"] = f"22222222.{digests['1.1.1.0']}"
+    assert go_together(digests[ours], digests[theirs])
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("11111111", "d4c4fd3c"),
+        # Two that both follow a third may have given one name to different fields.
+        ("11111111.d4c4fd3c", "22222222.d4c4fd3c"),
+        ("11111111.d4c4fd3c", "33333333.22222222"),
+        ("d4c4fd3c", "d4c4fd3"),
+        ("d4c4fd3c", "."),
+    ],
+)
+def test_versions_of_which_none_follows_the_other_do_not_fit(one: str, other: str):
+    assert not go_together(one, other)
+    assert not go_together(other, one)
+
+
+def test_a_newer_sender_of_an_unknown_field_is_told_what_to_do():
+    newer = f"{MSGPACK}CalibrateRequest#11111111.d4c4fd3c"
+    payload = codec.encode(CalibrateRequest(True))
+    assert codec.decode(CalibrateRequest, payload, newer) == CalibrateRequest(True)
+    more = msgspec.msgpack.encode({"zero": True, "slowly": True})
+    for encoding, text in ((newer, "newer"), (f"{MSGPACK}CalibrateRequest#d4c4fd3c", "type show")):
+        with pytest.raises(Invalid, match="unknown field `slowly`") as caught:
+            codec.decode(CalibrateRequest, more, encoding)
+        assert text in caught.value.hint
 
 
 def test_another_type_is_refused_even_with_the_same_fields():

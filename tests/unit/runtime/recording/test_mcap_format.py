@@ -1,10 +1,12 @@
 """Form of recorded messages: JSON if JSON can represent them, and exact to the bit."""
 
+from typing import Any
+
 import msgspec
 import pytest
 from hypothesis import given, strategies as st
 
-from quadctl.schemas.messages import Called, Pose
+from quadctl.schemas.messages import Called, Pose, SafetyState
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.recording.mcap_format import JSON, MSGPACK, Form, restored
 from tests.support.bags import pose, refused, state
@@ -69,6 +71,18 @@ def test_a_pose_of_another_version_is_kept_without_our_type():
     encoding = "application/msgpack;quadctl.Pose#deadbeef"
     stored = Form("uav/pose", encoding).stored(codec.encode(pose(1)))
     assert (stored.encoding, stored.type, stored.packed) == (JSON, None, True)
+
+
+@pytest.mark.parametrize("changed", [{"gust": 0.5}, {"leg": None}])
+def test_a_state_of_a_version_that_fits_has_our_type_and_its_own_fields(changed: dict[str, Any]):
+    fields = {
+        name: part for name, part in msgspec.to_builtins(state(1)).items() if name not in changed
+    }
+    payload = pack(fields | {name: part for name, part in changed.items() if part})
+    encoding = f"application/msgpack;quadctl.SafetyState#11111111.{codec.digest(SafetyState)}"
+    stored = Form("uav/safety/state", encoding).stored(payload)
+    assert (stored.encoding, stored.type, stored.message) == (JSON, SafetyState, state(1))
+    assert restored(stored.data, packed=True) == payload
 
 
 def test_unknown_fields_of_a_known_type_are_kept():

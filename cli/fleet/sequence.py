@@ -28,6 +28,7 @@ from quadctl.services.airspace.zones import Region
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.bus.streams import TypedSubscriber
 from quadctl.services.runtime.errors import QuadctlError, Refused, TimedOut, Unreachable
+from quadctl.services.runtime.params import catalogue
 from quadctl.services.runtime.params.names import put
 from quadctl.vehicle import Flight, goal_of, slowed
 
@@ -161,7 +162,7 @@ def _params(client: Client) -> Params:
     declared: dict[str, Any] = {}
     for node in ("safety", "dynamics"):
         values = client.call(get_params(node), GetParamsRequest([node])).values
-        for name, value in values.items():
+        for name, value in catalogue.declared(values).items():
             put(declared, name, value, node)
     return converted(declared, Params)
 

@@ -99,8 +99,10 @@ class RunningParams:
         return results
 
     def whole(self) -> Values:
-        """Return every parameter, in the file's order; raise if a node does not answer."""
-        found = _all_of(self.declared(tables()))
+        """Return every declared parameter, in the file's order; raise if a node does not answer."""
+        from quadctl.services.runtime.params.catalogue import declared
+
+        found = declared(_all_of(self.declared(tables())))
         return {leaf: found[leaf] for name in tables() for leaf in found if _in(name, leaf)}
 
     def set(self, node: str, values: Values) -> SetParamsResponse:

@@ -51,6 +51,16 @@ def leaves() -> dict[str, Entry]:
     }
 
 
+def declared(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values, by dotted name, that are declared here: a newer node reports more."""
+    known = leaves()
+    return {
+        name: value
+        for name, value in values.items()
+        if name in known or name.partition(".")[0] in known
+    }
+
+
 def tables() -> dict[str, str]:
     """Return the meaning of every table by dotted name, the described ones included."""
     found = {}

@@ -48,8 +48,19 @@ def save_values(realm: Realm, vehicle: str, name: str, table: Any) -> None:
 
 def read_values(realm: Realm, vehicle: str) -> Params | None:
     """Return a vehicle's parameters; None if nothing runs, or the run has no such vehicle."""
-    tables = run_files.tables(realm, vehicle)
-    return check(tables, str(realm.params / vehicle), in_wind=False) if tables else None
+    tables, source = run_files.tables(realm, vehicle), str(realm.params / vehicle)
+    if not tables:
+        return None
+    try:
+        return check(tables, source, in_wind=False)
+    except Invalid:
+        # Written by a newer `up`, which has parameters that are not declared here.
+        from quadctl.services.runtime.params.catalogue import declared
+
+        known: dict[str, Any] = {}
+        for name, value in declared(dict(flatten(tables))).items():
+            put(known, name, value, source)
+        return check(known, source, in_wind=False)
 
 
 class LiveParams:

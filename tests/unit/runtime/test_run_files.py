@@ -92,6 +92,13 @@ def test_a_snapshot_is_checked_like_a_file(realm: Realm):
     assert str(realm.params) in caught.value.message
 
 
+def test_parameters_of_a_newer_run_that_are_unknown_here_are_left_out(realm: Realm):
+    live.save_all_values(realm, {"uav": Params(processes={"mine": ["sleep", "9"]})})
+    live.save_values(realm, "uav", "safety", {"takeoff": 2.0, "novelty": 1.0})
+    expected = Params(safety=SafetyParams(takeoff=2.0), processes={"mine": ["sleep", "9"]})
+    assert live.read_values(realm, "uav") == expected
+
+
 def test_a_record_is_read_while_its_run_is_live(realm: Realm):
     with FileLock(realm.lock, "the realm"):
         assert run_files.is_live(realm)

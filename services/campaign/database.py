@@ -52,15 +52,19 @@ class Database:
         with _explained(self._file, Invalid), self.connection as opened:
             for table in _TABLES:
                 opened.execute(table)
+            columns = [about[0] for about in opened.execute("SELECT * FROM flights").description]
             found = opened.execute("SELECT conditions, probe FROM campaign").fetchone()
             if found is None:
                 opened.execute("INSERT INTO campaign VALUES (?, ?)", own)
-        for held, wanted, what in zip(
-            found or own, own, ("under other conditions", "by another version"), strict=True
+        held = found or own
+        for what, theirs, ours, same in (
+            ("under other conditions", held[0], own[0], _is_of(held[0], conditions, own[0])),
+            ("by another version", held[1], own[1], held[1] == own[1]),
+            ("by another version", columns, [*COLUMNS], columns == [*COLUMNS]),
         ):
-            if held != wanted:
+            if not same:
                 raise Invalid(
-                    f"{self._file} has flights {what}: {held}, and not {wanted}",
+                    f"{self._file} has flights {what}: {theirs}, and not {ours}",
                     "choose another --db FILE",
                 )
 
@@ -101,6 +105,19 @@ class Database:
             for first in range(start, end, longest):
                 yield range(first, min(first + longest, end))
             start = end + 1
+
+
+def _is_of(held: str, conditions: Conditions, own: str) -> bool:
+    """Compare a file's conditions with ours, also written as `own`; an older file lacks some."""
+    if held == own:
+        return True
+    try:
+        table = msgspec.json.decode(held)
+        known = converted(table, Conditions)
+    except msgspec.MsgspecError:
+        return False
+    # A newer version may have flown under more than is known here.
+    return known == conditions and set(table) <= set(Conditions.__struct_fields__)
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Database of a campaign: flights in and out, gaps, and files of something else."""
 
+import sqlite3
 from contextlib import closing
 from pathlib import Path
 
@@ -50,6 +51,40 @@ def test_flights_of_another_campaign_are_refused(
     Database(file, CONDITIONS, "probe").close()
     with pytest.raises(Invalid, match=what):
         Database(file, conditions, probe)
+
+
+def altered(tmp_path: Path, *statements: str) -> str:
+    """Return a database that another version might have written."""
+    file = str(tmp_path / "flights.sqlite")
+    Database(file, CONDITIONS, "probe").close()
+    with closing(sqlite3.connect(file)) as opened, opened:
+        for statement in statements:
+            opened.execute(statement)
+    return file
+
+
+def test_flights_from_before_a_condition_existed_are_continued(tmp_path: Path):
+    older = "UPDATE campaign SET conditions = json_remove(conditions, '$.vehicles', '$.wind')"
+    Database(altered(tmp_path, older), CONDITIONS, "probe").close()
+
+
+@pytest.mark.parametrize(
+    ("statement", "what"),
+    [
+        ("UPDATE campaign SET conditions = json_set(conditions, '$.rain', 1)", "other conditions"),
+        ("UPDATE campaign SET conditions = 'rain'", "other conditions"),
+        ("ALTER TABLE flights ADD COLUMN rain JSON", "another version"),
+        ("ALTER TABLE flights DROP COLUMN separation", "another version"),
+    ],
+)
+def test_flights_of_a_version_with_other_facts_are_refused_unchanged(
+    tmp_path: Path, statement: str, what: str
+):
+    file = altered(tmp_path, statement)
+    before = Path(file).read_bytes()
+    with pytest.raises(Invalid, match=what):
+        Database(file, CONDITIONS, "probe")
+    assert Path(file).read_bytes() == before
 
 
 def test_a_file_that_is_no_database_is_refused_unchanged(tmp_path: Path):

@@ -76,11 +76,14 @@ def fields(type_: type[Struct]) -> tuple[inspect.Field, ...]:
 
 
 def parts(type_: type[Struct]) -> Iterator[type[Struct]]:
-    """Yield the Struct types of a type's fields, recursively."""
+    """Yield the Struct types of a type's fields and lists, recursively."""
     for field in fields(type_):
-        if isinstance(field.type, inspect.StructType):
-            yield field.type.cls
-            yield from parts(field.type.cls)
+        inner = field.type
+        if isinstance(inner, inspect.ListType | inspect.VarTupleType):
+            inner = inner.item_type
+        if isinstance(inner, inspect.StructType):
+            yield inner.cls
+            yield from parts(inner.cls)
 
 
 def type_name(type_: inspect.Type) -> str:

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable
+from inspect import isclass, signature
 from pathlib import Path
 from typing import Any
 
@@ -56,10 +57,14 @@ def messages() -> dict[str, Any]:
 
 
 def _described(type_: type[Struct]) -> dict[str, Any]:
+    hashes = {"hash": product.schema_hash(type_), "encoding": product.encoding(type_)}
+    return hashes | form(type_)
+
+
+def form(type_: type[Struct]) -> dict[str, Any]:
+    """Describe the fields of a type, and how they are encoded."""
     config = type_.__struct_config__
     return {
-        "hash": product.schema_hash(type_),
-        "encoding": product.encoding(type_),
         "forbid_unknown_fields": config.forbid_unknown_fields,
         "omit_defaults": config.omit_defaults,
         "array_like": config.array_like,
@@ -253,7 +258,45 @@ def _errors(error: Any) -> dict[str, Any]:
     }
 
 
+def python() -> dict[str, Any]:
+    """Gather the public names of the package, with the members and parameters of each."""
+    found = {name: _public(getattr(product.package, name)) for name in product.package.__all__}
+    kinds = product.Topic, product.Service
+    declared = vars(product.topics).items()
+    return found | {
+        "quadctl.schemas.topics": {
+            name: repr(thing) for name, thing in declared if isinstance(thing, kinds)
+        }
+    }
+
+
+def _public(thing: Any) -> dict[str, Any]:
+    found = _parameters(thing)
+    if isclass(thing):
+        found["members"] = {
+            name: _parameters(getattr(thing, name))
+            for name in dir(thing)
+            if not name.startswith("_") and not hasattr(Exception, name)
+        }
+    return found
+
+
+def _parameters(thing: Any) -> dict[str, Any]:
+    """Return the kind of each parameter, and which are required; nothing for an attribute."""
+    if not callable(thing):
+        return {}
+    known = [each for each in signature(thing).parameters.values() if each.name[0] != "_"]
+    return {
+        "parameters": {
+            each.name: "keyword" if each.kind is each.KEYWORD_ONLY else f"place {number}"
+            for number, each in enumerate(known)
+        },
+        "required": " ".join(each.name for each in known if each.default is each.empty),
+    }
+
+
 DOCUMENTS: dict[str, Callable[[], dict[str, Any]]] = {
-    gather.__name__: gather for gather in (keys, messages, encoded, commands, parameters, names)
+    gather.__name__: gather
+    for gather in (keys, messages, encoded, commands, parameters, names, python)
 }
 """Function that gathers each recorded file, by the file's name."""

@@ -10,16 +10,18 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+import quadctl as package
 from quadctl import cli, schemas, services
 from quadctl.cli.commands import ALIASES, COMMANDS, inside, words_at
 from quadctl.cli.context import COMMON
 from quadctl.cli.declarations import Parameter
 from quadctl.cli.fault.catalogue import BUS_CUT, FAULTS, OF_PROCESSES
-from quadctl.schemas import digests
+from quadctl.schemas import digests, topics
 from quadctl.schemas.keyexpr import EndpointInfo, endpoint_key, node_key
 from quadctl.schemas.services import Call, Error
 from quadctl.schemas.topics import (
     GOTO,
+    POSES,
     SERVICES,
     TOPICS,
     Service,
@@ -46,6 +48,8 @@ __all__ = [
     "EndpointInfo",
     "Error",
     "QuadctlError",
+    "Service",
+    "Topic",
     "all_services",
     "all_topics",
     "bounds_text",
@@ -63,12 +67,15 @@ __all__ = [
     "endpoint_key",
     "error_encoding",
     "node_key",
+    "package",
     "parameters",
+    "parts",
     "request_type",
     "schema_hash",
     "sent_types",
     "source_files",
     "tables",
+    "topics",
     "type_name",
     "wire_errors",
     "wire_types",
@@ -83,8 +90,8 @@ console_scripts = distribution("quadctl").entry_points
 
 
 def all_topics() -> list[Topic[Any]]:
-    """Return every declared topic, and one example of the topics that report service calls."""
-    return [*TOPICS, called(GOTO)]
+    """Return every topic, also those between nodes, and one of those that report service calls."""
+    return [*TOPICS, POSES, called(GOTO)]
 
 
 def all_services() -> list[Service[Any, Any]]:

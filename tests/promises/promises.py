@@ -444,10 +444,22 @@ a faulty parameter file
     a_bad_file_is_refused_with_the_place_and_a_hint
   - supervisor/bad_files: a_faulty_file_starts_nothing_and_the_error_names_the_place
 another version's messages
-  refused, with both hashes named; no message is decoded as another type
+  read if one version only adds fields with defaults to the other's, in both directions; else refused,
+  with both hashes named; no message is decoded as another type
+  - golden/versions: commands_work_with_the_other_version
+    programs_work_with_the_other_version
+    a_new_field_of_a_request_is_refused_where_it_is_unknown
+    versions_that_do_not_fit_refuse_each_other
   - bus/calls: another_schema_is_refused_and_both_hashes_are_named
     a_message_of_another_schema_is_ignored
   - cli/transcripts: a_reply_of_another_version_is_refused
+another version's files
+  those of each release since 1.0 are read: recordings, parameters, missions, rubrics, certificates; a
+  campaign's flights are continued by a version that flies the same, else refused unchanged
+  - golden/releases: a_recording_is_read_whole a_campaigns_database_is_read
+    certificates_open_the_door a_parameter_file_has_the_values_that_it_had
+    nothing_of_a_release_is_missing
+  - unit/campaign/database: flights_of_a_version_with_other_facts_are_refused_unchanged
 strangers on the network
   by default nothing listens; between machines both sides show certificates, and a call without the
   right to it is denied

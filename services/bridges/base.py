@@ -5,6 +5,7 @@ refused by them.
 """
 
 import argparse
+import logging
 import sys
 import threading
 import time
@@ -41,6 +42,7 @@ from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.remote import RemoteParams
 
 O = TypeVar("O", bound=Struct)  # noqa: E741 - options
+Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 
 TIMEOUT = 3.0
 """Seconds that a call to one of our services may take."""

@@ -1,13 +1,11 @@
 """Client of the server: its subscriptions, its backlog, and its requests in their order."""
 
 import asyncio
-import logging
-import secrets
 from collections import deque
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast
@@ -15,36 +13,31 @@ from websockets.exceptions import ConnectionClosed
 
 from quadctl.services.bridges.base import RequestQueue, Taken, text_of
 from quadctl.services.bridges.foxglove.protocol import (
-    ERROR,
     JSON,
-    Advertised,
     ClientAdvertise,
     ClientChannel,
     ClientMessage,
     ClientUnadvertise,
-    Document,
     FoxgloveParameter,
     GetParameters,
     Graph,
-    Offered,
-    ParameterValues,
-    RemoveStatus,
     ServiceCall,
-    ServiceCallFailure,
     SetParameters,
-    Status,
     Subscribe,
     SubscribeConnectionGraph,
     SubscribeParameterUpdates,
     Unsubscribe,
     UnsubscribeConnectionGraph,
     UnsubscribeParameterUpdates,
-    encode,
+    document,
     message_frame,
     request_of,
     response_frame,
 )
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
+
+if TYPE_CHECKING:
+    from quadctl.services.bridges.foxglove.server import Channel, FoxgloveServer
 
 _BACKLOG = 4 << 20
 """Bytes of messages that may wait for a slow client; beyond, it loses the oldest."""
@@ -62,94 +55,18 @@ _LONGEST_TEXT = 1000
 """Characters of a problem that a client is shown: it may quote the client's request."""
 _EVERY = ""
 """Name for all parameters."""
-
-
-class Backend(Protocol):
-    """Vehicles behind the server. All methods may block, and raise QuadctlError."""
-
-    def call(self, service: str, payload: bytes) -> bytes:
-        """Call a service, by its offered name, with JSON; return its response."""
-
-    def check_goals(self, topic: str) -> None:
-        """Raise Invalid if no vehicle flies to the goals of a topic."""
-
-    def fly(self, topic: str, data: bytes) -> None:
-        """Fly to a published goal."""
-
-    def parameters(self, names: Collection[str]) -> list[FoxgloveParameter]:
-        """Return the parameters with these names, all without any."""
-
-    def set_parameters(self, parameters: Iterable[FoxgloveParameter]) -> None:
-        """Set parameters."""
-
-    def graph(self) -> Graph:
-        """Return the present connection graph."""
-
-
-class Channel:
-    """Channel of the server. `latest` returns the messages and their times (Unix ns) for a late subscriber."""
-
-    def __init__(
-        self, advertised: Advertised, latest: Callable[[], Iterable[tuple[bytes, int]]]
-    ) -> None:
-        self.advertised, self.latest = advertised, latest
-        self.subscribers: dict[FoxgloveClient, int] = {}
-        """Subscription of each client that has one."""
-
-
-Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
-
-
-class Shared:
-    """Common part of all clients. Without a token nobody may act."""
-
-    def __init__(self, backend: Backend, log: Log, token: str) -> None:
-        """Take who answers requests, and the token of an address with which a client may act."""
-        self.backend, self.log, self._token = backend, log, token
-        self.channels: dict[int, Channel] = {}
-        self.services: dict[int, Offered] = {}
-        self.stale: set[str] = set()
-        """Parts to read anew for the clients: `graph` or `parameters`."""
-        self.asked = asyncio.Event()
-        self.loop: asyncio.AbstractEventLoop
-
-    def mark_stale(self, what: str) -> None:
-        """Have the `graph` or the `parameters` read soon."""
-        self.stale.add(what)
-        self.asked.set()
-
-    def is_right(self, token: str) -> bool:
-        """Return whether a client with this token may act, in the same time for right and wrong ones."""
-        return bool(self._token) and secrets.compare_digest(self._token.encode(), token.encode())
-
-    @property
-    def why_watching(self) -> Refused:
-        """Return the refusal for a client that may only watch."""
-        if self._token:
-            hint = "open the address with the token that `quadctl bridge foxglove` prints"
-        else:
-            hint = "start the bridge by `quadctl bridge foxglove --control`"
-        return Refused("this client may only watch", hint)
-
-    def tried(self, do: Callable[..., Any], *of: Any) -> Any:
-        """Return the result of a method of the backend, which blocks; a fault in it becomes a Refused."""
-        try:
-            return do(*of)
-        except QuadctlError:
-            raise
-        except Exception as fault:
-            self.log.exception("a request failed")
-            raise Refused(f"the bridge has a fault: {fault}", "its log has more") from fault
+_ERROR = 2
+"""Level of a status that reports a problem."""
 
 
 class FoxgloveClient:
     """Client of the server. Its methods are called on the server's thread, requests on their own."""
 
-    def __init__(self, shared: Shared, connection: ServerConnection) -> None:
-        self._shared, self._connection = shared, connection
+    def __init__(self, server: "FoxgloveServer", connection: ServerConnection) -> None:
+        self._server, self._connection = server, connection
         path = connection.request.path if connection.request else ""
         self._token = token_of(path)
-        self.controls = shared.is_right(self._token)
+        self.controls = server.is_right(self._token)
         self.subscriptions: dict[int, Channel] = {}
         self.watched: set[str] = set()
         """Names of the parameters subscribed to, or _EVERY."""
@@ -163,7 +80,7 @@ class FoxgloveClient:
         self._answer_bytes = self._bytes = self._written = 0
         self._ready = asyncio.Event()
         self._requests = RequestQueue(
-            lambda fault: shared.log.error("a request failed", exc_info=fault)
+            lambda fault: server.log.error("a request failed", exc_info=fault)
         )
 
     async def serve(self) -> None:
@@ -199,18 +116,19 @@ class FoxgloveClient:
             self._bytes -= len(self._messages.popleft())
         self._ready.set()
 
-    def tell(self, document: Document) -> None:
+    def tell(self, op: str, **fields: Any) -> None:
         """Send a document, before all messages that wait."""
-        self._answer(encode(document).decode())
+        self._answer(document(op, **fields))
 
     def complain(self, what: str, problem: QuadctlError | None) -> None:
         """Show a problem until it is over, which None means."""
         if problem is not None:
             self._problems.add(what)
-            self.tell(Status(ERROR, text_of(problem)[:_LONGEST_TEXT], what))
+            message = text_of(problem)[:_LONGEST_TEXT]
+            self.tell("status", level=_ERROR, message=message, id=what)
         elif what in self._problems:
             self._problems.remove(what)
-            self.tell(RemoveStatus([what]))
+            self.tell("removeStatus", statusIds=[what])
 
     def unsubscribe(self, numbers: Iterable[int]) -> None:
         """End subscriptions."""
@@ -221,7 +139,7 @@ class FoxgloveClient:
     def show_graph(self, graph: Graph) -> None:
         """Send a graph that is new to the client, if it has subscribed to it."""
         if self.graph is not None and graph != self.graph:
-            self.tell(graph.update(self.graph))
+            self.tell("connectionGraphUpdate", **graph.update(self.graph))
             self.graph = graph
 
     def show_parameters(self, values: Iterable[FoxgloveParameter]) -> None:
@@ -234,7 +152,7 @@ class FoxgloveClient:
         ]
         if new:
             self._values |= {each.name: each for each in new}
-            self.tell(ParameterValues(new))
+            self.tell("parameterValues", parameters=new)
 
     def _answer(self, frame: str | bytes) -> None:
         self._answer_bytes += len(frame)
@@ -313,18 +231,18 @@ class FoxgloveClient:
                 self.watched |= {each[:_LONGEST_NAME] for each in names} or {_EVERY}
                 if len(self.watched) > _MOST_TOPICS:
                     self.watched = {_EVERY}
-                self._shared.mark_stale("parameters")
+                self._server.refresh("parameters")
             case UnsubscribeParameterUpdates(names):
                 self.watched -= set(names) or set(self.watched)
                 self._values = {}
             case SubscribeConnectionGraph():
                 self.graph = Graph({}, {}, {})
-                self._shared.mark_stale("graph")
+                self._server.refresh("graph")
             case UnsubscribeConnectionGraph():
                 self.graph = None
 
     def _subscribe(self, number: int, to: int) -> None:
-        channel = self._shared.channels.get(to)
+        channel = self._server.channels.get(to)
         if channel is None:
             self.complain("subscription", Invalid(f"there is no channel {to}"))
         elif number in self.subscriptions or self in channel.subscribers:
@@ -346,35 +264,37 @@ class FoxgloveClient:
 
     def _later(self, do: Callable[..., object], *of: Any) -> None:
         """Do something on the server's thread, from another one."""
-        self._shared.loop.call_soon_threadsafe(do, *of)
+        self._server.loop.call_soon_threadsafe(do, *of)
 
     def _check_control(self) -> None:
         if not self.controls:
-            raise self._shared.why_watching
+            raise self._server.why_watching
 
     def _call(self, call: ServiceCall) -> None:
         try:
             self._check_control()
-            service = self._shared.services.get(call.service)
+            service = self._server.services.get(call.service)
             if service is None:
                 raise Invalid(f"there is no service {call.service}")
             if call.encoding != JSON:
                 raise Invalid(f"the request is {call.encoding}", "send JSON")
-            reply = self._shared.tried(self._shared.backend.call, service.name, call.payload)
+            reply = self._server.tried(self._server.vehicles.call, service["name"], call.payload)
             self._later(self._answer, response_frame(call, reply))
             self._later(self.complain, "call", None)
         except QuadctlError as problem:
             self._later(self._fail, call, problem)
 
     def _fail(self, call: ServiceCall, problem: QuadctlError) -> None:
-        self.tell(ServiceCallFailure(call.service, call.number, text_of(problem)[:_LONGEST_TEXT]))
+        text = text_of(problem)[:_LONGEST_TEXT]
+        self.tell("serviceCallFailure", serviceId=call.service, callId=call.number, message=text)
         # Lichtblick shows no failure of a call.
         self.complain("call", problem)
 
-    def _why_no_goals(self, topic: str) -> QuadctlError | None:
+    def _problem(self, do: Callable[..., Any], *of: Any) -> QuadctlError | None:
+        """Let the client act; return why it failed, if it did."""
         try:
             self._check_control()
-            self._shared.backend.check_goals(topic)
+            self._server.tried(do, *of)
         except QuadctlError as problem:
             return problem
         return None
@@ -386,10 +306,11 @@ class FoxgloveClient:
             self.complain("topics", Refused(f"at most {most} are taken"))
             return
         self._topics[channel.id] = channel.topic
-        self.complain(channel.topic, self._why_no_goals(channel.topic))
+        goals = self._server.vehicles.flown_by
+        self.complain(channel.topic, self._problem(goals, channel.topic))
 
     def _publish(self, topic: str, data: bytes) -> None:
-        if self._why_no_goals(topic):
+        if self._problem(self._server.vehicles.flown_by, topic):
             return  # shown since the topic was advertised
         fly = partial(self._fly, topic, data)
         taken = self._requests.order(fly, newest=topic)
@@ -401,25 +322,16 @@ class FoxgloveClient:
             self.complain(topic, None)
 
     def _fly(self, topic: str, data: bytes) -> None:
-        problem = None
-        try:
-            self._shared.tried(self._shared.backend.fly, topic, data)
-        except QuadctlError as error:
-            problem = error
+        problem = self._problem(self._server.vehicles.fly, topic, data)
         self._later(self.complain, topic, problem)
 
     def _get_parameters(self, names: list[str], request: str) -> None:
         with suppress(QuadctlError):
-            values = self._shared.tried(self._shared.backend.parameters, names)
-            self._later(self.tell, ParameterValues(values, request))
+            values = self._server.tried(self._server.vehicles.parameters, names)
+            self._later(partial(self.tell, "parameterValues", parameters=values, id=request))
 
     def _set_parameters(self, request: SetParameters) -> None:
-        problem = None
-        try:
-            self._check_control()
-            self._shared.tried(self._shared.backend.set_parameters, request.parameters)
-        except QuadctlError as error:
-            problem = error
+        problem = self._problem(self._server.vehicles.set_parameters, request.parameters)
         self._later(self.complain, "parameters", problem)
         # With the present values, a page shows what has become of its own.
         self._get_parameters([each.name for each in request.parameters], request.id)

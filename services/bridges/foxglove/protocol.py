@@ -14,89 +14,23 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.typed import json_decoder
+from quadctl.schemas.typeinfo import json_schema
 from quadctl.services.runtime.errors import Invalid
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-JSON, JSON_SCHEMA = "json", "jsonschema"
-"""Encodings of all messages, and of all schemas."""
-ERROR = 2
-"""Level of a status that reports a problem."""
+JSON = "json"
+"""Encoding of all messages."""
 
 Value = float | int | bool | str | None | list[Any] | dict[str, Any]
 
 
 def _op(name: str) -> str:
-    """Return the `op` of a class, e.g. serverInfo of ServerInfo."""
+    """Return the `op` of a class, e.g. getParameters of GetParameters."""
     return name[0].lower() + name[1:]
 
 
-class Document(Struct, frozen=True, tag_field="op", tag=_op, rename="camel", omit_defaults=True):
-    """A JSON document of either side, named in `op`."""
-
-
-class ServerInfo(Document, frozen=True):
-    """Name and abilities of the server: the first document of a connection."""
-
-    name: str
-    capabilities: list[str]
-    supported_encodings: list[str]
-    session_id: str
-
-
-class Status(Document, frozen=True):
-    """A remark for the user; a later one with the same `id` replaces it."""
-
-    level: int
-    message: str
-    id: str = ""
-
-
-class RemoveStatus(Document, frozen=True):
-    """End of what a status has reported."""
-
-    status_ids: list[str]
-
-
-class Advertised(Struct, frozen=True, rename="camel"):
-    """A channel of the server."""
-
-    id: int
-    topic: str
-    encoding: str
-    schema_name: str
-    schema: str
-    schema_encoding: str
-
-
-class Advertise(Document, frozen=True):
-    """New channels of the server."""
-
-    channels: list[Advertised]
-
-
-class Schema(Struct, frozen=True, rename="camel"):
-    """Schema of a request or of a response."""
-
-    schema_name: str
-    schema: str
-    encoding: str = JSON
-    schema_encoding: str = JSON_SCHEMA
-
-
-class Offered(Struct, frozen=True):
-    """A service of the server."""
-
-    id: int
-    name: str
-    type: str
-    request: Schema
-    response: Schema
-
-
-class AdvertiseServices(Document, frozen=True):
-    """New services of the server."""
-
-    services: list[Offered]
+class Document(Struct, frozen=True, tag_field="op", tag=_op, rename="camel"):
+    """A JSON document of a client, named in `op`."""
 
 
 class FoxgloveParameter(Struct, frozen=True, omit_defaults=True):
@@ -115,52 +49,6 @@ class FoxgloveParameter(Struct, frozen=True, omit_defaults=True):
             isinstance(value, list) and value and all(isinstance(each, float) for each in value)
         )
         return cls(name, value, "float64_array" if floats else "")
-
-
-class ParameterValues(Document, frozen=True):
-    """Values of parameters; `id` is that of the request."""
-
-    parameters: list[FoxgloveParameter]
-    id: str = ""
-
-
-class ServiceCallFailure(Document, frozen=True):
-    """Answer to a call that failed."""
-
-    service_id: int
-    call_id: int
-    message: str
-
-
-class PublishedTopic(Struct, frozen=True, rename="camel"):
-    """A topic and its publishers."""
-
-    name: str
-    publisher_ids: list[str]
-
-
-class SubscribedTopic(Struct, frozen=True, rename="camel"):
-    """A topic and its subscribers."""
-
-    name: str
-    subscriber_ids: list[str]
-
-
-class AdvertisedService(Struct, frozen=True, rename="camel"):
-    """A service and its providers."""
-
-    name: str
-    provider_ids: list[str]
-
-
-class ConnectionGraphUpdate(Document, frozen=True, omit_defaults=False):
-    """Which nodes publish, subscribe and serve; entries replace those of the same name."""
-
-    published_topics: list[PublishedTopic]
-    subscribed_topics: list[SubscribedTopic]
-    advertised_services: list[AdvertisedService]
-    removed_topics: list[str]
-    removed_services: list[str]
 
 
 class ClientSubscription(Struct, frozen=True, rename="camel"):
@@ -265,7 +153,6 @@ Request = (
     | UnsubscribeConnectionGraph
 )
 
-encode = msgspec.json.encode
 _request = json_decoder(Request)
 _MESSAGE, _CALL, _RESPONSE = 1, 2, 3
 _message, _published, _call = Layout("<BIQ"), Layout("<BI"), Layout("<BIII")
@@ -289,6 +176,21 @@ def request_of(data: str | bytes) -> Request | ClientMessage | ServiceCall:
             encoding = data[_call.size : start].decode("ascii", "replace")
             return ServiceCall(service, number, encoding, data[start:])
     raise Invalid(f"not a frame of Foxglove: {len(data)} bytes that begin with {data[:8].hex()}")
+
+
+def document(op: str, **fields: Any) -> str:
+    """Return a document of ours; a field with an empty text is left out."""
+    given = {name: value for name, value in fields.items() if value != ""}
+    return msgspec.json.encode({"op": op, **given}).decode()
+
+
+def schema(type_: type[Struct] | None, package: str = "quadctl") -> dict[str, str]:
+    """Return a type as the protocol describes it, None for a user's own JSON; viewers need a schema."""
+    name, text = "json", '{"type": "object", "properties": {}}'
+    if type_ is not None:
+        name = f"{package}.{type_.__name__}"
+        text = msgspec.json.encode(json_schema(type_)).decode()
+    return {"schemaName": name, "schema": text, "schemaEncoding": "jsonschema"}
 
 
 def message_frame(subscription: int, at: int, data: bytes) -> bytes:
@@ -323,21 +225,25 @@ class Graph(NamedTuple):
                 table.setdefault(each.key, []).append(node)
         return graph
 
-    def update(self, before: "Graph") -> ConnectionGraphUpdate:
-        """Return the document for a client that has the graph as it was before."""
+    def update(self, before: "Graph") -> dict[str, Any]:
+        """Return the fields of connectionGraphUpdate for a client that has the graph as it was before."""
         topics, known = (g.published.keys() | g.subscribed.keys() for g in (self, before))
         # A topic without publishers may still have subscribers.
         published, subscribed = (
             {key: new.get(key, []) for key in (*old, *new)}
             for old, new in zip(before[:2], self[:2], strict=True)
         )
-        return ConnectionGraphUpdate(
-            [PublishedTopic(*each) for each in published.items()],
-            [SubscribedTopic(*each) for each in subscribed.items()],
-            [AdvertisedService(*each) for each in self.served.items()],
-            sorted(known - topics),
-            sorted(before.served.keys() - self.served.keys()),
-        )
+        return {
+            "publishedTopics": _nodes(published, "publisherIds"),
+            "subscribedTopics": _nodes(subscribed, "subscriberIds"),
+            "advertisedServices": _nodes(self.served, "providerIds"),
+            "removedTopics": sorted(known - topics),
+            "removedServices": sorted(before.served.keys() - self.served.keys()),
+        }
+
+
+def _nodes(table: dict[str, list[str]], ids: str) -> list[dict[str, Any]]:
+    return [{"name": name, ids: nodes} for name, nodes in table.items()]
 
 
 _APP = "https://app.foxglove.dev"

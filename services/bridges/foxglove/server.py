@@ -16,33 +16,22 @@ from functools import partial
 from http import HTTPStatus
 from itertools import count
 from ssl import SSLContext
+from typing import Any
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
-from quadctl.services.bridges.foxglove.client import (
-    Backend,
-    Channel,
-    FoxgloveClient,
-    Log,
-    Shared,
-    token_of,
-)
+from quadctl.services.bridges.base import Log
+from quadctl.services.bridges.foxglove.client import FoxgloveClient, token_of
 from quadctl.services.bridges.foxglove.protocol import (
     JSON,
-    JSON_SCHEMA,
     SUBPROTOCOLS,
-    Advertise,
-    Advertised,
-    AdvertiseServices,
-    Document,
-    Offered,
-    ServerInfo,
     may_watch,
     message_frame,
 )
-from quadctl.services.runtime.errors import QuadctlError
+from quadctl.services.bridges.foxglove.vehicles import Vehicles
+from quadctl.services.runtime.errors import QuadctlError, Refused
 
 _CAPABILITIES = [
     "clientPublish",
@@ -60,6 +49,23 @@ _MOST_BYTES = 1 << 20
 _GRACE = 60.0
 """Seconds without an answer to a ping after which a client counts as gone."""
 
+Messages = Iterable[tuple[bytes, int]]
+"""Messages, and the Unix times (ns) at which they came."""
+
+
+class Channel:
+    """Channel of the server. A late subscriber gets its `latest` messages, by default the `last`."""
+
+    def __init__(
+        self, advertised: dict[str, Any], latest: Callable[[], Messages] | None = None
+    ) -> None:
+        self.advertised = advertised
+        self.last: tuple[bytes, int] | None = None
+        self.latest = latest or (lambda: [self.last] if self.last else [])
+        self.subscribers: dict[FoxgloveClient, int] = {}
+        """Subscription of each client that has one."""
+
+
 Message = tuple[Channel, bytes, int]
 """A channel, its message, and the Unix time (ns) at which it came."""
 
@@ -70,15 +76,20 @@ class FoxgloveServer:
     A client may only watch unless its address has the token.
     """
 
-    def __init__(self, backend: Backend, log: Log, *, token: str, origins: Collection[str]) -> None:
-        """Take who answers requests, and the sites (e.g. http://lab:8080) whose pages may connect."""
-        self._shared = Shared(backend, log, token)
-        self._origins = origins
-        self._session = secrets.token_hex(8)
+    def __init__(
+        self, vehicles: Vehicles, log: Log, *, token: str, origins: Collection[str]
+    ) -> None:
+        """Take the sites (e.g. http://lab:8080) whose pages may connect; without a token nobody may act."""
+        self.vehicles, self.log = vehicles, log
+        self.channels: dict[int, Channel] = {}
+        self.services: dict[int, dict[str, Any]] = {}
+        self.loop: asyncio.AbstractEventLoop
+        self._token, self._origins, self._session = token, origins, secrets.token_hex(8)
         self._numbers = count(1)
         self._clients: set[FoxgloveClient] = set()
         self._outbox: deque[Message] = deque(maxlen=_MOST_WAITING)
         self._flushing = False
+        self._stale, self._asked = set[str](), asyncio.Event()
 
     def open(self, listening: socket.socket, tls: SSLContext | None) -> None:
         """Serve at a socket from now on."""
@@ -88,18 +99,18 @@ class FoxgloveServer:
         serves.result()
 
     def channel(
-        self, topic: str, name: str, schema: str, latest: Callable[[], Iterable[tuple[bytes, int]]]
+        self, topic: str, schema: dict[str, str], latest: Callable[[], Messages] | None = None
     ) -> Channel:
-        """Advertise a channel of JSON; from any thread. `name` and `schema` are of its messages."""
-        advertised = Advertised(next(self._numbers), topic, JSON, name, schema, JSON_SCHEMA)
-        channel = Channel(advertised, latest)
-        self._loop.call_soon_threadsafe(self._advertise, channel)
+        """Advertise a channel of JSON; from any thread. `schema` is that of its messages."""
+        number = next(self._numbers)
+        channel = Channel({"id": number, "topic": topic, "encoding": JSON, **schema}, latest)
+        self.loop.call_soon_threadsafe(self._advertise, number, channel)
         return channel
 
-    def offer(self, services: Iterable[Callable[[int], Offered]]) -> None:
-        """Offer services, each made from its number; from any thread."""
-        made = [make(next(self._numbers)) for make in services]
-        self._loop.call_soon_threadsafe(self._offer, made)
+    def offer(self, services: Iterable[dict[str, Any]]) -> None:
+        """Offer services; from any thread."""
+        offered = {(number := next(self._numbers)): {"id": number, **each} for each in services}
+        self.loop.call_soon_threadsafe(self._offer, offered)
 
     def publish(self, messages: Iterable[Message]) -> None:
         """Send messages to the subscribers of their channels; from any thread."""
@@ -107,14 +118,37 @@ class FoxgloveServer:
         if not self._flushing:
             # One wake for all that come until then.
             self._flushing = True
-            self._loop.call_soon_threadsafe(self._flush)
+            self.loop.call_soon_threadsafe(self._flush)
 
     def refresh(self, what: str) -> None:
         """Read the `graph` or the `parameters` anew, if a client has subscribed; from any thread."""
-        self._loop.call_soon_threadsafe(self._shared.mark_stale, what)
+        self.loop.call_soon_threadsafe(self._mark_stale, what)
+
+    def is_right(self, token: str) -> bool:
+        """Return whether a client with this token may act, in the same time for right and wrong ones."""
+        return bool(self._token) and secrets.compare_digest(self._token.encode(), token.encode())
+
+    @property
+    def why_watching(self) -> Refused:
+        """Return the refusal for a client that may only watch."""
+        if self._token:
+            hint = "open the address with the token that `quadctl bridge foxglove` prints"
+        else:
+            hint = "start the bridge by `quadctl bridge foxglove --control`"
+        return Refused("this client may only watch", hint)
+
+    def tried(self, do: Callable[..., Any], *of: Any) -> Any:
+        """Return the result of a method of the vehicles, which blocks; a fault in it becomes a Refused."""
+        try:
+            return do(*of)
+        except QuadctlError:
+            raise
+        except Exception as fault:
+            self.log.exception("a request failed")
+            raise Refused(f"the bridge has a fault: {fault}", "its log has more") from fault
 
     async def _run(self, at: socket.socket, tls: SSLContext | None, serves: "Future[None]") -> None:
-        self._loop = self._shared.loop = asyncio.get_running_loop()
+        self.loop = asyncio.get_running_loop()
         quiet = logging.getLogger("websockets.server")
         quiet.setLevel(logging.CRITICAL)  # it logs each client that comes, goes, or sends garbage
         try:
@@ -135,55 +169,56 @@ class FoxgloveServer:
         async with listening:
             serves.set_result(None)
             while True:
-                await self._shared.asked.wait()
-                self._shared.asked.clear()
+                await self._asked.wait()
+                self._asked.clear()
                 try:
                     await self._refresh()
                 except QuadctlError:
                     pass  # logged; the next change tries again
                 except Exception:
-                    self._shared.log.exception("a refresh failed")
+                    self.log.exception("a refresh failed")
 
     def _why_not(self, connection: ServerConnection, request: Request) -> Response | None:
         """Return the refusal of a connection, None to serve it."""
         origin = request.headers.get("Origin", "")
         if not may_watch(origin, self._origins):
-            self._shared.log.warning("refused a page of %s: --origin allows it", origin)
+            self.log.warning("refused a page of %s: --origin allows it", origin)
             why = f"pages of {origin} may not connect to this bridge\n"
             return connection.respond(HTTPStatus.FORBIDDEN, why)
-        acts = self._shared.is_right(token_of(request.path))
+        acts = self.is_right(token_of(request.path))
         if len([each for each in self._clients if each.controls is acts]) >= _MOST_CLIENTS:
             why = f"{_MOST_CLIENTS} clients are connected already\n"
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, why)
         return None
 
     async def _serve(self, connection: ServerConnection) -> None:
-        client = FoxgloveClient(self._shared, connection)
+        client = FoxgloveClient(self, connection)
         self._clients.add(client)
         try:
-            client.tell(ServerInfo("quadctl", _CAPABILITIES, [JSON], self._session))
-            channels = [each.advertised for each in self._shared.channels.values()]
-            client.tell(Advertise(channels))
-            client.tell(AdvertiseServices([*self._shared.services.values()]))
+            client.tell(
+                "serverInfo", name="quadctl", capabilities=_CAPABILITIES,
+                supportedEncodings=[JSON], sessionId=self._session,
+            )  # fmt: skip
+            channels = [each.advertised for each in self.channels.values()]
+            client.tell("advertise", channels=channels)
+            client.tell("advertiseServices", services=[*self.services.values()])
             await client.serve()
         except Exception:
-            self._shared.log.exception("a client failed")
+            self.log.exception("a client failed")
             raise
         finally:
             self._clients.remove(client)
             client.unsubscribe([*client.subscriptions])
 
-    def _advertise(self, channel: Channel) -> None:
-        self._shared.channels[channel.advertised.id] = channel
-        self._tell_all(Advertise([channel.advertised]))
-
-    def _offer(self, services: list[Offered]) -> None:
-        self._shared.services |= {each.id: each for each in services}
-        self._tell_all(AdvertiseServices(services))
-
-    def _tell_all(self, document: Document) -> None:
+    def _advertise(self, number: int, channel: Channel) -> None:
+        self.channels[number] = channel
         for client in self._clients:
-            client.tell(document)
+            client.tell("advertise", channels=[channel.advertised])
+
+    def _offer(self, services: dict[int, dict[str, Any]]) -> None:
+        self.services |= services
+        for client in self._clients:
+            client.tell("advertiseServices", services=[*services.values()])
 
     def _flush(self) -> None:
         self._flushing = False
@@ -193,14 +228,17 @@ class FoxgloveServer:
             for client, subscription in channel.subscribers.items():
                 client.send(message_frame(subscription, at, data))
 
+    def _mark_stale(self, what: str) -> None:
+        self._stale.add(what)
+        self._asked.set()
+
     async def _refresh(self) -> None:
-        shared = self._shared
-        stale, shared.stale = shared.stale, set()
+        stale, self._stale = self._stale, set()
         if "graph" in stale and any(client.graph is not None for client in self._clients):
-            graph = await asyncio.to_thread(shared.tried, shared.backend.graph)
+            graph = await asyncio.to_thread(self.tried, self.vehicles.graph)
             for client in self._clients:
                 client.show_graph(graph)
         if "parameters" in stale and any(client.watched for client in self._clients):
-            values = await asyncio.to_thread(shared.tried, shared.backend.parameters, ())
+            values = await asyncio.to_thread(self.tried, self.vehicles.parameters, ())
             for client in self._clients:
                 client.show_parameters(values)

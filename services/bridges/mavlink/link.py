@@ -2,7 +2,6 @@
 
 import hashlib
 import hmac
-import logging
 import socket
 import struct
 import threading
@@ -14,9 +13,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common as mavlink
 
+from quadctl.services.bridges.base import Log
 from quadctl.services.bridges.options import PeerAddress
 
-Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 _MOST_BYTES = 65_536
 _SINCE = 1_420_070_400
 """1 January 2015 as Unix time (s), from which signatures count time, in units of 10 us."""

@@ -4,7 +4,6 @@ Messages are taken on the link's thread. Everything that calls a service is done
 RequestQueue, so a silent service keeps no telemetry back.
 """
 
-import logging
 import threading
 import time
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from quadctl.schemas.earth import Origin
 from quadctl.schemas.messages import Pose, Position, SafetyState
 from quadctl.schemas.topics import POSE_SLOW
-from quadctl.services.bridges.base import AGE, BridgedVehicle, RequestQueue
+from quadctl.services.bridges.base import AGE, BridgedVehicle, Log, RequestQueue
 from quadctl.services.bridges.mavlink import parameters
 from quadctl.services.bridges.mavlink.commander import (
     Commander,
@@ -56,8 +55,6 @@ _SAME = 1.0
 """Seconds within which the same text of safety's state and of a reply is one."""
 _SLOW = 1 / POSE_SLOW.hz
 """Interval of the slow poses, s."""
-
-Log = logging.Logger | logging.LoggerAdapter[logging.Logger]
 
 
 class MavlinkSystem:

@@ -18,7 +18,7 @@ from quadctl.services.bridges.foxglove.protocol import (
     Graph,
     ServiceCall,
     Subscribe,
-    encode,
+    document,
     may_watch,
     message_frame,
     request_of,
@@ -70,15 +70,20 @@ def test_any_garbage_is_a_request_or_refused(data: str | bytes):
         return
 
 
+def shown(value: Any) -> dict[str, Any]:
+    text = document("parameterValues", parameters=[FoxgloveParameter.of("a", value)], id="")
+    found = json.loads(text)
+    assert [*found] == ["op", "parameters"]
+    parameter: dict[str, Any] = found["parameters"][0]
+    return parameter
+
+
 def test_parameters_have_the_types_that_json_loses():
-    plain = [
-        json.loads(encode(FoxgloveParameter.of("a", value)))
-        for value in (2.0, 2, [0.5, 1.0], [], True, [1, 2])
-    ]
+    plain = [shown(value) for value in (2.0, 2, [0.5, 1.0], [], True, [1, 2])]
     assert [each.get("type") for each in plain] == [
         "float64", None, "float64_array", None, None, None,
     ]  # fmt: skip
-    assert "type" in json.loads(encode(FoxgloveParameter.of("a", 0.0)))
+    assert "type" in shown(0.0)
 
 
 def endpoint(kind: Any, node: str, key: str) -> EndpointInfo:
@@ -100,13 +105,12 @@ def test_the_graph_has_the_nodes_of_each_topic_and_service():
 
 def test_an_update_of_the_graph_removes_what_is_gone():
     whole = Graph.of([PUBLISHED, *SUBSCRIBED, SERVED])
-    gone = json.loads(encode(NONE.update(whole)))
-    assert gone["op"] == "connectionGraphUpdate"
+    gone = NONE.update(whole)
     assert (gone["removedTopics"], gone["removedServices"]) == (["uav/pose"], ["uav/goto"])
-    unpublished = json.loads(encode(Graph.of(SUBSCRIBED).update(whole)))
+    unpublished = Graph.of(SUBSCRIBED).update(whole)
     assert unpublished["publishedTopics"] == [{"name": "uav/pose", "publisherIds": []}]
     assert unpublished["removedTopics"] == []
-    assert json.loads(encode(whole.update(NONE)))["advertisedServices"] == [
+    assert whole.update(NONE)["advertisedServices"] == [
         {"name": "uav/goto", "providerIds": ["uav/safety"]}
     ]
 

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated
 
 from quadctl.cli import output
-from quadctl.cli.autopilot import calibration
 from quadctl.cli.bridge.process import command_of, require, run_instead
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
@@ -35,7 +34,9 @@ def autopilot(
     Example: quadctl autopilot --connect udpin:127.0.0.1:14540 --origin 47.397742 8.545594 488
     """
     if action == "calibrate":
-        calibration.calibrate(options, distance)
+        from quadctl.cli.autopilot.calibration import calibrate
+
+        calibrate(options, distance)
         return
     if action:
         raise UsageError(f"autopilot {action}: no such word", "`autopilot calibrate`, or none")

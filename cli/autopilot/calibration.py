@@ -1,12 +1,12 @@
 """`autopilot calibrate`: flights to and fro, and the parameters that they show."""
 
 import math
-import threading
 import time
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from typing import Any, Self
+from contextlib import suppress
+from typing import Any
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import astuple
 
@@ -57,6 +57,11 @@ class Measured(Struct):
     """Most acceleration, m/s^2."""
     braking: float = math.inf
     """Least mean deceleration (m/s^2) of a stop, from its reaction to rest."""
+
+    def widen(self, **values: float) -> None:
+        """Keep the larger of each value and the one that was measured before."""
+        for name, value in values.items():
+            setattr(self, name, max(getattr(self, name), float(value)))
 
     def declared(self, approaches: Sequence[Approach]) -> dict[str, float]:
         """Return the parameters that declare it, with room.
@@ -138,34 +143,18 @@ def _rest(client: Client) -> Position:
     return pose.position
 
 
-class FlownPoses:
-    """Poses as they come, in a thread of their own, with the times (monotonic s) of their arrival."""
-
-    def __init__(self, client: Client) -> None:
-        self.poses: list[Pose] = []
-        self.times: list[float] = []
-        self._client, self._poses = client, client.subscribe(POSE)
-        self._thread = threading.Thread(target=self._read)
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._poses.close()
-        self._thread.join()
-
-    def _read(self) -> None:
-        while (pose := self._poses.next(self._client.timeout)) is not None:
-            self.poses.append(pose)
-            self.times.append(time.monotonic())
-
-
-def _flown(client: Client, goal: Position) -> FlownPoses:
-    """Fly to a goal; return the track until the vehicle rests."""
-    with FlownPoses(client) as track:
+def _flown(client: Client, goal: Position) -> list[tuple[float, Pose]]:
+    """Fly to a goal; return the poses until the vehicle rests, each with the time (s) of its arrival."""
+    messages = client.listen(POSE.key(client.vehicle))
+    try:
         _begun(client, goal).wait(_WAIT)
         _rest(client)
+    finally:
+        messages.close()
+    track = []
+    while (message := messages.next(0)) is not None:
+        with suppress(Invalid):  # another program's
+            track.append((message.at / 1e9, message.decoded(Pose)))
     return track
 
 
@@ -177,36 +166,24 @@ def _begun(client: Client, goal: Position) -> Flight:
 
 
 def _measure_flight(
-    m: Measured, start: Position, end: Position, track: FlownPoses
+    m: Measured, start: Position, end: Position, track: Sequence[tuple[float, Pose]]
 ) -> list[Approach]:
-    poses, gaps = track.poses, [b - a for a, b in pairwise(track.times)]
-    if not gaps:
+    if len(track) < 2:
         raise Refused("no poses came during a flight")
-    m.rate, m.gap = len(gaps) / max(sum(gaps), 1e-9), max(m.gap, *gaps)
-    m.speed = max(m.speed, *map(speed, poses))
-    m.acceleration = max(m.acceleration, *_accelerations(poses))
-    way = [b - a for a, b in zip(astuple(start), astuple(end), strict=True)]
-    length = math.hypot(*way)
-    along = [each / length for each in way]
-    places = [
-        [p - a for p, a in zip(astuple(pose.position), astuple(start), strict=True)]
-        for pose in poses
-    ]
-    done = [sum(p * u for p, u in zip(place, along, strict=True)) for place in places]
-    m.overshoot = max(m.overshoot, *(each - length for each in done))
-    m.stray = max(
-        m.stray,
-        *(
-            math.dist(place, [each * u for u in along])
-            for place, each in zip(places, done, strict=True)
-        ),
-    )
-    room = max(_ROOM * max(m.overshoot, m.stray), _LEAST_MARGIN)
-    approaches = [(speed(pose), length - each) for pose, each in zip(poses, done, strict=True)]
-    m.approach = max(
-        m.approach, *(v * v / (2 * (left + room)) for v, left in approaches if left > 0)
-    )
-    return approaches
+    times, poses = zip(*track, strict=True)
+    gaps, speeds = np.diff(times), np.array([*map(speed, poses)])
+    way = np.subtract(astuple(end), astuple(start))
+    length = np.linalg.norm(way)
+    places = np.array([astuple(pose.position) for pose in poses]) - astuple(start)
+    done = places @ way / length
+    strays = np.linalg.norm(places - np.outer(done, way / length), axis=1)
+    left = length - done
+    m.rate = float(len(gaps) / max(gaps.sum(), 1e-9))
+    m.widen(gap=gaps.max(), speed=speeds.max(), acceleration=max(_accelerations(poses)))
+    m.widen(overshoot=-left.min(), stray=strays.max())
+    ahead, room = left > 0, max(_ROOM * max(m.overshoot, m.stray), _LEAST_MARGIN)
+    m.widen(approach=np.max(speeds[ahead] ** 2 / (2 * (left[ahead] + room)), initial=0.0))
+    return [*zip(speeds.tolist(), left.tolist(), strict=True)]
 
 
 def _measure_stop(m: Measured, client: Client, goal: Position) -> None:
@@ -223,7 +200,7 @@ def _measure_stop(m: Measured, client: Client, goal: Position) -> None:
             if speed(pose) < _HOVERS:
                 break
         reaction = fastest.stamp - before.stamp
-        m.reaction, m.stop = max(m.reaction, reaction), max(m.stop, farthest)
+        m.widen(reaction=reaction, stop=farthest)
         ahead = max(farthest - reaction * speed(fastest), _LEAST_MARGIN)
         m.braking = min(m.braking, speed(fastest) ** 2 / (2 * ahead))
     finally:

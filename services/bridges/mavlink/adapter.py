@@ -10,7 +10,7 @@ Our world is ENU with bodies FLU; MAVLink has NED with bodies FRD.
 
 from collections.abc import Callable
 from math import dist, inf
-from typing import Any, Protocol
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import astuple
@@ -29,6 +29,7 @@ from quadctl.schemas.messages import (
 )
 from quadctl.schemas.params import DynamicsParams
 from quadctl.schemas.zones import FARTHEST, ZoneParams
+from quadctl.services.bridges.base import Log
 from quadctl.services.bridges.mavlink.plan import PlanItem, items_of
 from quadctl.services.bridges.mavlink.telemetry import (
     NO_PLACE,
@@ -92,17 +93,8 @@ _PLACE, _VELOCITY = NO_VELOCITY | _NEITHER, NO_PLACE | _NEITHER
 
 US: Peer = (245, mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
 """Our system and component; ground stations are system 255."""
+_NOBODY: Peer = (0, 0)
 Send = Callable[[Any], None]
-
-
-class Log(Protocol):
-    """Logger, or one like it."""
-
-    def info(self, text: str, /, *values: object) -> None:
-        """Log what is normal."""
-
-    def warning(self, text: str, /, *values: object) -> None:
-        """Log what a pilot should know."""
 
 
 class Guarded(Struct, frozen=True):
@@ -142,7 +134,7 @@ class AutopilotAdapter:
     ) -> None:
         self._origin, self._params, self._send, self._log = origin, params, send, log
         self._name_boot, self._is_fenced = name_boot, fenced
-        self._peer: Peer | None = None
+        self._peer = _NOBODY
         self._due_heartbeat = self._due_request = self._due_setpoint = 0.0
         self._guarded: Guarded | None = None
         self._why_not = self._text = ""
@@ -186,7 +178,7 @@ class AutopilotAdapter:
     def _on_heartbeat(self, peer: Peer, m: Any, now: float) -> None:
         if m.autopilot not in _KINDS or m.type not in _COPTERS:
             return
-        if self._peer is None:
+        if self._peer == _NOBODY:
             self._log.info("found system %d, %s", peer[0], _KINDS[m.autopilot])
             self._peer = peer
         if peer != self._peer:
@@ -355,13 +347,13 @@ class AutopilotAdapter:
                 mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0,
                 mavlink.MAV_STATE_ACTIVE, 3,
             ))  # fmt: skip
-        if self._peer is None:
+        if self._peer == _NOBODY:
             return
         self._judge(now)
         if now - self._heard > _LOST:
             # It may come back as another one, e.g. started anew, with another origin.
             self._forget()
-            self._peer = None
+            self._peer = _NOBODY
             return
         if (
             self._boot
@@ -392,12 +384,7 @@ class AutopilotAdapter:
 
     def _command(self, command: int, *params: float) -> None:
         filled = (*params, *(0.0,) * (7 - len(params)))
-        self._send(mavlink.MAVLink_command_long_message(*self._vehicle, command, 0, *filled))
-
-    @property
-    def _vehicle(self) -> Peer:
-        assert self._peer is not None  # noqa: S101 - nothing is due before it is found
-        return self._peer
+        self._send(mavlink.MAVLink_command_long_message(*self._peer, command, 0, *filled))
 
     def _send_fence(self, now: float) -> None:
         if self._guarded is None or not self._is_fenced:
@@ -406,7 +393,7 @@ class AutopilotAdapter:
         again = upload is not None and upload.result not in {"", "accepted"}
         if upload is None or (again and now - self._uploaded > _UPLOAD_AGAIN):
             items = self._guarded.items(self._origin)
-            upload = self._upload = PlanUpload(PlanKind.FENCE, items, self._vehicle, US)
+            upload = self._upload = PlanUpload(PlanKind.FENCE, items, self._peer, US)
             self._uploaded = inf
         for message in upload.tick(now):
             self._send(message)
@@ -445,6 +432,6 @@ class AutopilotAdapter:
             east, north, up = (p - o for p, o in zip(astuple(place), self._offset, strict=True))
             ignored, where = _PLACE, (north, east, -up)
         self._send(mavlink.MAVLink_set_position_target_local_ned_message(
-            max(self._clock, 0) & 0xFFFFFFFF, *self._vehicle, mavlink.MAV_FRAME_LOCAL_NED,
+            max(self._clock, 0) & 0xFFFFFFFF, *self._peer, mavlink.MAV_FRAME_LOCAL_NED,
             ignored, *where, *(0.0,) * 8,
         ))  # fmt: skip

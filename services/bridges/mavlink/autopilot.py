@@ -85,8 +85,8 @@ class AutopilotNode:
     def __init__(self, process: AutopilotProcess, node: Node, params: Params) -> None:
         self._node, self._params = node, params
         self._adapter = AutopilotAdapter(
-            process.origin, params.dynamics, process.send, node.log, _new_name,
-            fenced=process.fenced,
+            process.origin, params.dynamics, process.send, node.log,
+            lambda: os.urandom(4).hex(), fenced=process.fenced,
         )  # fmt: skip
         # Messages come on the link's thread, setpoints on the node's.
         self._lock = threading.Lock()
@@ -148,10 +148,6 @@ class AutopilotNode:
 
 def _refuse_reset(_request: ResetRequest) -> ResetResponse:
     raise Refused("an autopilot cannot be put back at its start", "land it, and take off again")
-
-
-def _new_name() -> str:
-    return os.urandom(4).hex()
 
 
 if __name__ == "__main__":

@@ -33,13 +33,13 @@ from quadctl.services.bridges.mavlink.plan import (
 )
 from quadctl.services.bridges.mavlink.telemetry import (
     HOLD,
-    IN_AIR,
     LAND,
     MISSION,
     OFFBOARD,
     RETURN,
     TAKEOFF,
     View,
+    flies,
 )
 from quadctl.services.bridges.mavlink.transfers import PlanKind
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, Unreachable
@@ -47,11 +47,6 @@ from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused, Unre
 Send = Callable[[Any], None]
 _TARGET_AGE = 1.0
 """Seconds after the last target of a program at which the vehicle leaves its mode, like a PX4."""
-_NO_MISSION: int = mavlink.MISSION_STATE_NO_MISSION
-_ACTIVE: int = mavlink.MISSION_STATE_ACTIVE
-_PAUSED: int = mavlink.MISSION_STATE_PAUSED
-_COMPLETE: int = mavlink.MISSION_STATE_COMPLETE
-_NOT_STARTED: int = mavlink.MISSION_STATE_NOT_STARTED
 
 
 class Unsupported(Exception):
@@ -134,16 +129,12 @@ class Commander:
         if isinstance(message, Pose):
             self._pose = message
             # It takes off by itself, by `safety.takeoff`, or is flown by our own commands.
-            self.armed = self.armed or self._flies
+            self.armed = self.armed or flies(message)
 
     def learn_start(self) -> None:
         """Read where the vehicle starts: a bridge that starts later has not seen it."""
         with suppress(QuadctlError):
             self._start = self._parameter("dynamics.start.x"), self._parameter("dynamics.start.y")
-
-    def explain(self, problem: QuadctlError) -> None:
-        """Show the reason of a refusal."""
-        self._show(problem.message, "reply")
 
     def do(self, item: PlanItem) -> None:
         """Execute a command; raise QuadctlError if it is refused, Unsupported for an unknown one."""
@@ -193,10 +184,6 @@ class Commander:
         if self._pose is None:
             raise Unreachable("no pose of the vehicle has come yet")
         return self._pose
-
-    @property
-    def _flies(self) -> bool:
-        return self._known_pose.position.z > IN_AIR
 
     # Targets of a program
 
@@ -254,7 +241,7 @@ class Commander:
 
     def _arm(self, item: PlanItem) -> None:
         on = number(item.params[0], most=1) == 1
-        if not on and self._flies:
+        if not on and flies(self._known_pose):
             raise Refused("not disarmed: the vehicle flies; land first")
         if not on and (self._pilot.errand or self._follows):
             self._hold()
@@ -271,10 +258,10 @@ class Commander:
     def _take_off(self, item: PlanItem) -> None:
         step = takeoff_of(item, self._origin)
         if step.z is None:
-            default, present = self._parameter("safety.takeoff"), self._known_pose.position.z
-            if not (default or self._flies):
+            default, pose = self._parameter("safety.takeoff"), self._known_pose
+            if not (default or flies(pose)):
                 raise Refused("safety.takeoff is 0: give a height")
-            step = replace(step, z=max(default, present))
+            step = replace(step, z=max(default, pose.position.z))
         self._begin(Errand(TAKEOFF, [step]))
 
     def _reposition(self, item: PlanItem) -> None:
@@ -397,13 +384,14 @@ class Commander:
         return errand is not None and errand.mode == MISSION
 
     def _mission_state(self) -> int:
-        if not self._mission:
-            return _NO_MISSION
-        if self._is_flown:
-            return _ACTIVE
-        if self._is_complete:
-            return _COMPLETE
-        return _PAUSED if self._next else _NOT_STARTED
+        state: int = (
+            mavlink.MISSION_STATE_NO_MISSION if not self._mission
+            else mavlink.MISSION_STATE_ACTIVE if self._is_flown
+            else mavlink.MISSION_STATE_COMPLETE if self._is_complete
+            else mavlink.MISSION_STATE_PAUSED if self._next
+            else mavlink.MISSION_STATE_NOT_STARTED
+        )  # fmt: skip
+        return state
 
     def _on_reached(self, errand: Errand, step: int) -> None:
         if errand.mode == MISSION:
@@ -413,7 +401,7 @@ class Commander:
 
     def _on_end(self, errand: Errand, problem: QuadctlError | None) -> None:
         if problem is not None:
-            self.explain(problem)
+            self._show(problem.message, "reply")
         elif errand.landed:
             self.armed = False
 

@@ -133,9 +133,7 @@ class MavlinkLink:
             self._socket.settimeout(left)
             try:
                 data, address = self._socket.recvfrom(_MOST_BYTES)
-            except TimeoutError:
-                continue
-            except OSError:  # nobody listens there now
+            except OSError:  # nothing has come, or nobody listens there now
                 continue
             if not self._is_from_peer(address):
                 continue

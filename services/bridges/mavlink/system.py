@@ -122,12 +122,35 @@ class MavlinkSystem:
 
     def take(self, message: Any, now: float) -> None:
         """Take a message of a ground station."""
-        type_, peer = message.get_type(), (message.get_srcSystem(), message.get_srcComponent())
-        if type_ in Transfers.MESSAGES:
-            key = (type_, peer, message.mission_type, getattr(message, "seq", 0))
-            self._requests.read(lambda: self._reply(self._transfers.take(message, now)), key)
-        elif take := self._takers.get(type_):
-            take(self, message, peer)
+        m, type_, requests = message, message.get_type(), self._requests
+        peer = m.get_srcSystem(), m.get_srcComponent()
+        match type_:
+            case "COMMAND_LONG" | "COMMAND_INT":
+                # One with integers has no number of its repetitions.
+                again = type_ == "COMMAND_INT" or m.confirmation > 0
+                self._command(peer, _command_of(m), again=again)
+            case "SET_MODE":
+                mode = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24
+                requests.order(partial(self._commander.set_mode, *mode), (type_, *mode))
+            case "SET_POSITION_TARGET_LOCAL_NED":
+                self._take_target(m)
+            case "SET_POSITION_TARGET_GLOBAL_INT":
+                self._take_global_target(m)
+            case "MISSION_SET_CURRENT":
+                requests.order(partial(self._commander.fly_from, m.seq), (type_, m.seq))
+            case "PARAM_REQUEST_LIST":
+                requests.read(self._send_parameters, type_)
+            case "PARAM_REQUEST_READ":
+                wanted = m.param_id, m.param_index
+                requests.read(partial(self._read_parameter, *wanted), (type_, *wanted))
+            case "PARAM_SET":
+                given = m.param_id, m.param_type, m.param_value
+                requests.read(partial(self._set_parameter, *given), (type_, *given))
+            case "FILE_TRANSFER_PROTOCOL":
+                self._send(no_file(m, peer))
+            case _ if type_ in Transfers.MESSAGES:
+                key = type_, peer, m.mission_type, getattr(m, "seq", 0)
+                requests.read(lambda: self._reply(self._transfers.take(m, now)), key)
 
     # Texts
 
@@ -136,7 +159,7 @@ class MavlinkSystem:
         if isinstance(problem, Unsupported):
             self._show_text("the vehicle has no such mode")
         elif isinstance(problem, QuadctlError):
-            self._commander.explain(problem)
+            self._show_once(problem.message, "reply")
         else:
             self._log.error("a request failed", exc_info=problem)
 
@@ -165,27 +188,7 @@ class MavlinkSystem:
 
     # Commands
 
-    def _take_command_long(self, m: Any, peer: Peer) -> None:
-        x, y = (_degrees(each) for each in (m.param5, m.param6))
-        params = (m.param1, m.param2, m.param3, m.param4)
-        frame = mavlink.MAV_FRAME_GLOBAL
-        item = PlanItem(frame, m.command, params, x, y, m.param7)
-        self._command(peer, item, again=m.confirmation > 0)
-
-    def _take_command_int(self, m: Any, peer: Peer) -> None:
-        params = (m.param1, m.param2, m.param3, m.param4)
-        # It has no number of its repetitions.
-        self._command(peer, PlanItem(m.frame, m.command, params, m.x, m.y, m.z), again=True)
-
-    def _take_set_mode(self, m: Any, _peer: Peer) -> None:
-        main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24
-        mode = partial(self._commander.set_mode, main, sub)
-        self._requests.order(mode, ("SET_MODE", main, sub))
-
-    def _take_set_current(self, m: Any, _peer: Peer) -> None:
-        self._requests.order(partial(self._commander.fly_from, m.seq), ("SET_CURRENT", m.seq))
-
-    def _take_target(self, m: Any, _peer: Peer) -> None:
+    def _take_target(self, m: Any) -> None:
         if m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
             self._commander.ignore(f"in {_frame(m.coordinate_frame)}")
         elif not m.type_mask & NO_PLACE:
@@ -195,7 +198,7 @@ class MavlinkSystem:
         else:
             self._commander.ignore(_without_place(m))
 
-    def _take_global_target(self, m: Any, _peer: Peer) -> None:
+    def _take_global_target(self, m: Any) -> None:
         if m.type_mask & NO_PLACE:
             self._commander.ignore(_without_place(m))
             return
@@ -234,7 +237,7 @@ class MavlinkSystem:
         except QuadctlError as problem:
             if isinstance(problem, Invalid | Refused | NotAllowed):
                 result = mavlink.MAV_RESULT_DENIED
-            self._commander.explain(problem)
+            self._show_once(problem.message, "reply")
         finally:
             self._acknowledge(peer, item.command, result)
 
@@ -269,10 +272,7 @@ class MavlinkSystem:
         microseconds = round(interval * 1e6) if interval >= 0 else -1
         self._send(mavlink.MAVLink_message_interval_message(message, microseconds))
 
-    # Parameters and files
-
-    def _take_list(self, _m: Any, _peer: Peer) -> None:
-        self._requests.read(self._send_parameters, "PARAM_REQUEST_LIST")
+    # Parameters
 
     def _send_parameters(self) -> None:
         found = self._table()
@@ -286,20 +286,11 @@ class MavlinkSystem:
         name = each.name.encode()
         self._send(mavlink.MAVLink_param_value_message(name, each.value, each.type, count, index))
 
-    def _take_read(self, m: Any, _peer: Peer) -> None:
-        name, index = m.param_id, m.param_index
-        read = partial(self._read_parameter, name, index)
-        self._requests.read(read, ("PARAM_READ", name, index))
-
     def _read_parameter(self, name: str, wanted: int) -> None:
         found = self._table()
         for index, each in enumerate(found):
             if index == wanted or (wanted < 0 and each.name == name):
                 self._send_parameter(each, len(found), index)
-
-    def _take_set(self, m: Any, _peer: Peer) -> None:
-        given = m.param_id, m.param_type, m.param_value
-        self._requests.read(partial(self._set_parameter, *given), ("PARAM_SET", *given))
 
     def _set_parameter(self, name: str, type_: int, value: float) -> None:
         own = next((each.own for each in self._table() if each.name == name), "")
@@ -314,22 +305,6 @@ class MavlinkSystem:
         ours.forget()
         self._read_parameter(name, -1)
 
-    def _take_file_request(self, m: Any, peer: Peer) -> None:
-        self._send(no_file(m, peer))
-
-    _takers = {  # noqa: RUF012
-        "COMMAND_LONG": _take_command_long,
-        "COMMAND_INT": _take_command_int,
-        "SET_MODE": _take_set_mode,
-        "SET_POSITION_TARGET_LOCAL_NED": _take_target,
-        "SET_POSITION_TARGET_GLOBAL_INT": _take_global_target,
-        "MISSION_SET_CURRENT": _take_set_current,
-        "PARAM_REQUEST_LIST": _take_list,
-        "PARAM_REQUEST_READ": _take_read,
-        "PARAM_SET": _take_set,
-        "FILE_TRANSFER_PROTOCOL": _take_file_request,
-    }
-
 
 def _frame(number: int) -> str:
     """Return the name of a frame in MAVLink, e.g. `MAV_FRAME_BODY_NED`."""
@@ -341,6 +316,15 @@ def _without_place(target: Any) -> str:
     """Return the kind of a target without a whole place."""
     some = target.type_mask & NO_PLACE != NO_PLACE
     return "of some coordinates only" if some else "of velocity or acceleration"
+
+
+def _command_of(m: Any) -> PlanItem:
+    """Return the command of a message, whose place is in degrees or in units of 1e-7 degrees."""
+    params = m.param1, m.param2, m.param3, m.param4
+    if m.get_type() == "COMMAND_INT":
+        return PlanItem(m.frame, m.command, params, m.x, m.y, m.z)
+    x, y = (_degrees(each) for each in (m.param5, m.param6))
+    return PlanItem(mavlink.MAV_FRAME_GLOBAL, m.command, params, x, y, m.param7)
 
 
 def _degrees(value: float) -> int:

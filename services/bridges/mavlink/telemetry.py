@@ -54,7 +54,7 @@ _SENSORS = (
 _OPEN, _NAK = 4, 129
 """Commands of MAVLink's file transfer."""
 _UNKNOWN = 0xFFFF
-IN_AIR = 0.1
+_IN_AIR = 0.1
 """Height (m) above which a vehicle flies."""
 
 
@@ -72,11 +72,6 @@ class View(Struct, frozen=True):
     healthy: bool
     mission: tuple[int, int, int]
     lands: bool = False
-
-    @property
-    def flies(self) -> bool:
-        """Return whether the vehicle is in the air."""
-        return self.pose.position.z > IN_AIR
 
     @property
     def _boot_ms(self) -> int:
@@ -104,12 +99,9 @@ class View(Struct, frozen=True):
     def global_position_int(self) -> Any:
         """Return place and velocity on the earth: 1e-7 degrees, mm, cm/s."""
         p, v = self.pose.position, self.pose.velocity
-        latitude, longitude = self.origin.to_earth(p.x, p.y)
         return mavlink.MAVLink_global_position_int_message(
             self._boot_ms,
-            latitude,
-            longitude,
-            round((self.origin.altitude + p.z) * 1000),
+            *self._on_earth(p.x, p.y, p.z),
             round(p.z * 1000),
             _short(100 * v.y),
             _short(100 * v.x),
@@ -140,13 +132,10 @@ class View(Struct, frozen=True):
     def gps_raw_int(self) -> Any:
         """Return the place like a receiver of satellites: 1e-7 degrees, mm, cm/s."""
         p, v = self.pose.position, self.pose.velocity
-        latitude, longitude = self.origin.to_earth(p.x, p.y)
         return mavlink.MAVLink_gps_raw_int_message(
             round(self.pose.stamp * 1e6),
             mavlink.GPS_FIX_TYPE_3D_FIX,
-            latitude,
-            longitude,
-            round((self.origin.altitude + p.z) * 1000),
+            *self._on_earth(p.x, p.y, p.z),
             50,
             50,
             min(round(100 * hypot(v.x, v.y)), 0xFFFE),
@@ -157,7 +146,7 @@ class View(Struct, frozen=True):
     def extended_sys_state(self) -> Any:
         """Return whether the vehicle is on the ground."""
         state = mavlink.MAV_LANDED_STATE_ON_GROUND
-        if self.flies:
+        if flies(self.pose):
             state = mavlink.MAV_LANDED_STATE_IN_AIR
             if self.lands:
                 state = mavlink.MAV_LANDED_STATE_LANDING
@@ -168,17 +157,13 @@ class View(Struct, frozen=True):
     def home_position(self) -> Any:
         """Return the place on the ground to which the vehicle returns."""
         x, y = self.home
-        latitude, longitude = self.origin.to_earth(x, y)
-        altitude = round(self.origin.altitude * 1000)
         return mavlink.MAVLink_home_position_message(
-            latitude, longitude, altitude, y, x, 0.0, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+            *self._on_earth(x, y, 0.0), y, x, 0.0, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
         )
 
     def gps_global_origin(self) -> Any:
         """Return the place on the earth of the world's origin."""
-        latitude, longitude = self.origin.to_earth(0.0, 0.0)
-        altitude = round(self.origin.altitude * 1000)
-        return mavlink.MAVLink_gps_global_origin_message(latitude, longitude, altitude)
+        return mavlink.MAVLink_gps_global_origin_message(*self._on_earth(0.0, 0.0, 0.0))
 
     def mission_current(self) -> Any:
         """Return the progress of the mission."""
@@ -192,7 +177,7 @@ class View(Struct, frozen=True):
             sqrt(ground * ground + v.z * v.z),
             ground,
             round(self._heading) % 360,
-            50 if self.flies else 0,
+            50 if flies(self.pose) else 0,
             self.origin.altitude + p.z,
             v.z,
         )
@@ -205,10 +190,19 @@ class View(Struct, frozen=True):
             CAPABILITIES, release, 0, 0, 0, none, none, none, 0, 0, 0
         )
 
+    def _on_earth(self, x: float, y: float, z: float) -> tuple[int, int, int]:
+        """Return latitude, longitude (1e-7 degrees) and height above sea level (mm) of a place."""
+        return *self.origin.to_earth(x, y), round((self.origin.altitude + z) * 1000)
+
     @property
     def _heading(self) -> float:
         """Return the direction of the nose, degrees from north to east."""
         return degrees(_angles(attitude(self.pose.orientation))[2]) % 360
+
+
+def flies(pose: Pose) -> bool:
+    """Return whether a vehicle is in the air."""
+    return pose.position.z > _IN_AIR
 
 
 def attitude(q: Quaternion) -> Quaternion:

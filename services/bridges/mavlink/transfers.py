@@ -205,7 +205,8 @@ class PlanUpload:
 
     def __init__(self, kind: PlanKind, items: Sequence[PlanItem], vehicle: Peer, us: Peer) -> None:
         self._kind, self._items, self._vehicle, self._us = kind, items, vehicle, us
-        self._sent, self._asked, self._attempts = self._count(), -AGAIN, 0
+        self._sent = mavlink.MAVLink_mission_count_message(*vehicle, len(items), kind)
+        self._asked, self._attempts = -AGAIN, 0
         self.result: Literal["", "accepted", "refused", "no answer"] = ""
         self.code = 0
         """MAV_MISSION_RESULT of an upload that was refused."""
@@ -244,6 +245,3 @@ class PlanUpload:
     def _send(self, now: float) -> list[Any]:
         self._asked, self._attempts = now, self._attempts + 1
         return [self._sent]
-
-    def _count(self) -> Any:
-        return mavlink.MAVLink_mission_count_message(*self._vehicle, len(self._items), self._kind)

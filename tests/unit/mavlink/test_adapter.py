@@ -41,8 +41,9 @@ class Autopilot:
         self.kind, self.notes = kind, Notes()
         self.sent: list[Any] = []
         names = count(1)
+        log: Any = self.notes
         self.adapter = AutopilotAdapter(
-            OUR_ORIGIN, DynamicsParams(), self.keep, self.notes,
+            OUR_ORIGIN, DynamicsParams(), self.keep, log,
             lambda: f"boot {next(names)}", fenced=fenced,
         )  # fmt: skip
         self.now, self.clock = 100.0, 5_000

@@ -66,7 +66,16 @@ class FoxgloveOptions(Struct, frozen=True):
         """Return a new socket that has the port."""
         if not 0 < self.port <= _MOST_PORT:
             raise UsageError(f"--port {self.port}: there is no such port", f"1 to {_MOST_PORT}")
-        _check_listener(self.host, encrypted=bool(self.cert))
+        try:
+            is_loopback = ip_address(self.host).is_loopback
+        except ValueError as error:
+            hint = "127.0.0.1, ::1 or 0.0.0.0"
+            raise UsageError(f"--host {self.host}: not an IP address", hint) from error
+        if not (is_loopback or self.cert):
+            raise UsageError(
+                f"--host {self.host} lets other machines watch, and their traffic is not encrypted",
+                "add --cert FILE, or use a tunnel: ssh -L 8765:127.0.0.1:8765 HOST",
+            )
         made = socket.socket(socket.AF_INET6 if ":" in self.host else socket.AF_INET)
         if os.name == "posix":  # a port whose last connections have just ended is free
             made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -206,21 +215,6 @@ class AutopilotOptions(MavlinkOptions, frozen=True):
 
 
 BridgeOptions = FoxgloveOptions | Ros2Options | MavlinkOptions
-
-
-def _check_listener(host: str, *, encrypted: bool) -> None:
-    """Raise UsageError for an address that is none, or one on the network without encryption."""
-    try:
-        address = ip_address(host)
-    except ValueError as error:
-        raise UsageError(
-            f"--host {host}: not an IP address", "127.0.0.1, ::1 or 0.0.0.0"
-        ) from error
-    if not address.is_loopback and not encrypted:
-        raise UsageError(
-            f"--host {host} lets other machines watch, and their traffic is not encrypted",
-            "add --cert FILE, or use a tunnel: ssh -L 8765:127.0.0.1:8765 HOST",
-        )
 
 
 def set_token(*, control: bool) -> str:

@@ -10,16 +10,13 @@ from quadctl.schemas.earth import Origin
 from quadctl.schemas.zones import FARTHEST, MOST_ZONES, CircleParams, ZoneParams
 from quadctl.services.runtime.errors import Invalid
 
-_POLYGONS = {
-    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION: "inclusion",
-    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION: "exclusion",
+_SHAPES = {
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION: ("inclusion", "polygon"),
+    mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION: ("exclusion", "polygon"),
+    mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION: ("inclusion", "circle"),
+    mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION: ("exclusion", "circle"),
 }
-_CIRCLES = {
-    mavlink.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION: "inclusion",
-    mavlink.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION: "exclusion",
-}
-_BY_POLYGON = {kind: command for command, kind in _POLYGONS.items()}
-_BY_CIRCLE = {kind: command for command, kind in _CIRCLES.items()}
+_COMMANDS = {shape: command for command, shape in _SHAPES.items()}
 _ABSOLUTE = {mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT}
 _RELATIVE = {mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT}
 """Frames with heights above mean sea level, and above our origin's ground."""
@@ -176,14 +173,15 @@ def zones_of(items: Sequence[PlanItem], origin: Origin) -> list[ZoneParams]:
         first, name = left[0], f"fence {len(zones) + 1}"
         size, group, *_ = first.params
         corners = [first]
-        if kind := _POLYGONS.get(first.command):
+        kind, shape = _SHAPES.get(first.command, ("", ""))
+        if shape == "polygon":
             if size in range(3, len(left) + 1):
                 corners = left[: int(size)]
             if {(c.command, *c.params[:2]) for c in corners} != {(first.command, size, group)}:
                 raise Invalid(f"{name}: its corners are of several polygons")
             if len(corners) != size:
                 raise Invalid(f"{name}: a polygon has not the {size:g} corners that it announces")
-        elif not (kind := _CIRCLES.get(first.command)):
+        elif not shape:
             raise Invalid(f"{name}: command {first.command} is no zone", "polygons and circles are")
         if not all(corner.has_place for corner in corners):
             raise Invalid(f"{name}: a point has no place")
@@ -192,11 +190,12 @@ def zones_of(items: Sequence[PlanItem], origin: Origin) -> list[ZoneParams]:
                 raise Invalid(f"{name}: two inclusion zones have the group {group:g}")
             groups.add(group)
         left = left[len(corners) :]
-        places = [_place(corner, origin) for corner in corners]
-        if first.command in _POLYGONS:
-            zones.append(_zone(name, kind, polygon=tuple(places)))
-        else:
-            zones.append(_zone(name, kind, circle=_circle(name, places[0], size)))
+        places = tuple(_place(corner, origin) for corner in corners)
+        what = places if shape == "polygon" else _circle(name, places[0], size)
+        try:
+            zones.append(ZoneParams(name, kind, **{shape: what}))  # type: ignore[arg-type]
+        except ValueError as error:
+            raise Invalid(str(error)) from error
     if len(zones) > MOST_ZONES:
         raise Invalid(f"{len(zones)} zones: at most {MOST_ZONES} are allowed")
     return zones
@@ -208,22 +207,16 @@ def _circle(name: str, place: tuple[float, float], radius: float) -> CircleParam
     return CircleParams(*place, radius)
 
 
-def _zone(name: str, kind: str, **shape: object) -> ZoneParams:
-    try:
-        return ZoneParams(name, kind, **shape)  # type: ignore[arg-type]
-    except ValueError as error:
-        raise Invalid(str(error)) from error
-
-
 def items_of(zones: Sequence[ZoneParams], origin: Origin) -> list[PlanItem]:
     """Return the items of zones; raise Invalid for one with a floor or a ceiling, which MAVLink lacks."""
     items: list[PlanItem] = []
     for group, zone in enumerate(zones):
         if zone.floor > -FARTHEST or zone.ceiling < FARTHEST:
             raise Invalid(f"zone {zone.name} has a floor or a ceiling, which a fence has not")
-        command, size = _BY_CIRCLE[zone.kind], zone.circle.radius
+        shape, size = "circle", zone.circle.radius
         if zone.polygon:
-            command, size = _BY_POLYGON[zone.kind], float(len(zone.polygon))
+            shape, size = "polygon", float(len(zone.polygon))
+        command = _COMMANDS[zone.kind, shape]
         for place in zone.polygon or ((zone.circle.x, zone.circle.y),):
             x, y = origin.to_earth(*place)
             items.append(PlanItem(_GROUND, command, (size, float(group), 0.0, 0.0), x, y, 0.0))

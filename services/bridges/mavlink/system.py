@@ -75,6 +75,7 @@ class MavlinkSystem:
         self._origin = origin
         self._commander = Commander(vehicle, origin, send, self._show_once)
         self._transfers = Transfers(self._commander)
+        self.learn_start = self._commander.learn_start
         self._boot, self._seen = "", 0.0
         self._shown = (0, False)
         self._texts, self._showing = 0, threading.Lock()
@@ -99,10 +100,6 @@ class MavlinkSystem:
         self._commander.see(message)
         if isinstance(message, Pose):
             self._boot, self._seen = message.boot, time.monotonic()
-
-    def learn_start(self) -> None:
-        """Read where the vehicle starts; it blocks."""
-        self._commander.learn_start()
 
     def tick(self, now: float) -> None:
         """Send the telemetry that is due, and the request that a transfer repeats."""

@@ -4,6 +4,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
@@ -52,9 +53,7 @@ class Ros2Bridge:
 
     def __init__(self, options: Ros2Options) -> None:
         self._options = options
-        self._waiting: list[Callable[[ForeignSession], None]] = []
-        self._session: ForeignSession | None = None
-        self._lock = threading.Lock()
+        self._session: Future[ForeignSession] = Future()
         self.ids = itertools.count(1)
         """Ids of nodes and endpoints, in the graph of ROS."""
 
@@ -67,23 +66,14 @@ class Ros2Bridge:
     def add(self, node: Node, params: Params) -> None:
         """Show a vehicle, once the router is there."""
         vehicle = RosVehicle(self, node, real_time=not params.dynamics.in_lockstep)
-
-        def join(session: ForeignSession) -> None:
-            node.post(partial(vehicle.join, session))
-
-        with self._lock:
-            if self._session is None:
-                self._waiting.append(join)
-                return
-        join(self._session)
+        self._session.add_done_callback(
+            lambda session: node.post(partial(vehicle.join, session.result()))
+        )
 
     def _open(self) -> None:
         while (session := open_foreign(self._options.router)) is None:
             time.sleep(_AGAIN)
-        with self._lock:
-            self._session = session
-        for join in self._waiting:
-            join(session)
+        self._session.set_result(session)
 
 
 class Outlet:
@@ -93,16 +83,13 @@ class Outlet:
         self._publisher, self._gid = session.publisher(key, latched=latched), graph.gid_of(token)
         self._sequence = 0
 
-    @property
-    def is_wanted(self) -> bool:
-        """Return whether a message has a reader, or is kept for a late one."""
-        return self._publisher.is_wanted
-
-    def put(self, message: Any) -> None:
-        """Publish a message."""
+    def put(self, make: Callable[[], Any]) -> None:
+        """Publish a message that somebody reads, or may read later: most graphs need one of pose, odometry and tf."""
+        if not self._publisher.is_wanted:
+            return
         self._sequence += 1
         attachment = graph.attachment(self._sequence, time.time_ns(), self._gid)
-        self._publisher.put(messages.encode(message), attachment)
+        self._publisher.put(messages.encode(make()), attachment)
 
 
 class RosVehicle(BridgedVehicle):
@@ -184,10 +171,9 @@ class RosVehicle(BridgedVehicle):
             self._publish(MarkerArray, lambda: translation.markers(scene, self._stamp, self.name))
 
     def _publish(self, type_: type, make: Callable[[], Any]) -> None:
-        """Publish a message that somebody reads: most graphs need one of pose, odometry and tf."""
-        outlet = self._outlets.get(type_)
-        if outlet is not None and outlet.is_wanted:
-            outlet.put(make())
+        """Publish a message, once the vehicle has joined."""
+        if outlet := self._outlets.get(type_):
+            outlet.put(make)
 
     # Goals and calls
 

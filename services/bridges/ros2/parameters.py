@@ -78,13 +78,9 @@ class ParameterStore:
 
     def describe(self, request: Any) -> list[ParameterDescriptor]:
         """Return the descriptions; that of an unknown name is empty, as in ROS."""
-        values, entries = self._ours.read(), leaves()
-        return [
-            described(name, values[name], entries.get(name))
-            if name in values
-            else ParameterDescriptor(name, 0, "", "", False, False, [], [])
-            for name in request.names
-        ]
+        values = self._ours.read()
+        entries = {name: entry for name, entry in leaves().items() if name in values}
+        return [described(name, values.get(name), entries.get(name)) for name in request.names]
 
     def set_each(self, request: Any) -> list[SetParametersResult]:
         """Set each value by itself, as ROS does; refuse more of them than we have."""
@@ -140,8 +136,11 @@ def _kind(plain: Any) -> int:
 
 
 def described(name: str, plain: Any, entry: Entry | None) -> ParameterDescriptor:
-    """Return the description of a parameter with its present value; a user's own has no `entry`."""
-    kind = to_ros(plain).type
+    """Return the description of a parameter with its present value, None for an unknown one.
+
+    A user's own parameter has no `entry`.
+    """
+    kind = 0 if plain is None else to_ros(plain).type
     if entry is None:
         return ParameterDescriptor(name, kind, "", "", False, False, [], [])
     unit = f" ({entry.unit})" if entry.unit else ""

@@ -81,7 +81,7 @@ class Commander:
     ) -> None:
         self._services, self._origin, self._send, self._show = services, origin, send, show
         self._pose: Pose | None = None
-        self._start = (0.0, 0.0)
+        self._start, self._knows_start = (0.0, 0.0), False
         self._told = (0, "")
         self._plan, self._turn = threading.RLock(), threading.Lock()
         self._mission: list[PlanItem] = []
@@ -121,7 +121,9 @@ class Commander:
                 self._show(message.reason, "state")
             self._told = told
         elif self._pose is None or message.boot != self._pose.boot:
-            self._start = message.position.x, message.position.y
+            # The first pose of a bridge that starts later is anywhere; that of a new boot is the start.
+            if self._pose is not None or not self._knows_start:
+                self._start = message.position.x, message.position.y
             with self._turn:
                 self.armed, self._prepared, self._follows = False, None, None
             self._pilot.drop()
@@ -135,6 +137,7 @@ class Commander:
         """Read where the vehicle starts: a bridge that starts later has not seen it."""
         with suppress(QuadctlError):
             self._start = self._parameter("dynamics.start.x"), self._parameter("dynamics.start.y")
+            self._knows_start = True
 
     def do(self, item: PlanItem) -> None:
         """Execute a command; raise QuadctlError if it is refused, Unsupported for an unknown one."""

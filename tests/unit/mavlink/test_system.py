@@ -57,7 +57,7 @@ OFFERS = [
 class Rig:
     """Vehicle that is where it was sent at once; safety refuses what is beyond 5 m, and `log` tells."""
 
-    def __init__(self) -> None:
+    def __init__(self, x: float = 0.0, y: float = 0.0) -> None:
         self.sent: list[Any] = []
         self.orders: list[Any] = []
         self.parameters = RemoteParams(self._call, lambda: OFFERS)
@@ -69,8 +69,9 @@ class Rig:
         vehicle: Any = self
         self.system = MavlinkSystem(vehicle, self.watch, Origin(), self._send, log)
         self._number, self.boot = 0, "a"
-        self.place = Position(0.0, 0.0, 1.0)
+        self.place = Position(x, y, 1.0)
         self.goal, self.request = self.place, 0
+        self.system.learn_start()
         self.pose()
         self.state()
 
@@ -255,6 +256,17 @@ def test_a_refused_goal_does_not_end_the_flight_before_it(rig: Rig):
     eventually(lambda: rig.orders[-1] == (0.0, 0.0, 0.0))
     rig.arrive()
     eventually(lambda: rig.telemetry("HEARTBEAT").base_mode & 128 == 0)
+
+
+def test_it_returns_to_its_start_wherever_the_bridge_first_saw_it():
+    rig = Rig(3.0, 2.0)
+    assert rig.command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH) == ACCEPTED
+    assert rig.orders == [(0.0, 0.0, 1.0)]
+    # After a reset, it starts where the parameters are by now.
+    rig.boot = "b"
+    rig.pose(Position(1.0, 2.0, 0.0))
+    home = rig.telemetry("HOME_POSITION")
+    assert (home.y, home.x) == (1.0, 2.0)
 
 
 def test_a_stop_comes_after_the_goal_that_is_being_requested(rig: Rig):

@@ -37,7 +37,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.schemas.typed import from_json
 from quadctl.services.runtime.entry import start
-from quadctl.services.runtime.errors import QuadctlError, Refused, UsageError
+from quadctl.services.runtime.errors import Refused, UsageError
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.remote import RemoteParams
 
@@ -255,8 +255,3 @@ def _paced(job: Job) -> None:
         job()
     finally:
         time.sleep(max(began + PERIOD - time.monotonic(), 0))
-
-
-def text_of(problem: QuadctlError) -> str:
-    """Return a problem and its hint in one line."""
-    return f"{problem.message}: {problem.hint}" if problem.hint else problem.message

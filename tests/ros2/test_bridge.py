@@ -100,7 +100,9 @@ def test_the_clients_command_lists_what_the_bridge_offers(ros: RosClient, networ
 
 def test_a_late_joiner_gets_the_latched_state(ros: RosClient, network: str):
     type_ = "std_msgs/msg/String"
-    key = graph.endpoint_key(0, "/uav/safety_state", type_, messages.type_hash(type_))
+    key = graph.endpoint_key(
+        0, "/uav/safety_state", graph.type_key(type_, messages.type_hash(type_))
+    )
     ros.wait("safety_state")  # the next one comes a second later
     with raw_client(network) as session:
         found = session.get(

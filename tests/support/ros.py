@@ -92,7 +92,7 @@ def readers(session: zenoh.Session, domain: str) -> Iterator[None]:
 def call(session: zenoh.Session, name: str, service: RosService, *fields: Any) -> Any:
     """Call a service of ROS by its key without the hash, e.g. `0/uav/hold`, with its request's fields."""
     domain, _, rest = name.partition("/")
-    key = graph.endpoint_key(int(domain), f"/{rest}", service.name, service.hash)
+    key = graph.endpoint_key(int(domain), f"/{rest}", graph.type_key(service.name, service.hash))
     sender = graph.attachment(1, time.time_ns(), bytes(16))
     payload = messages.encode(messages.message(service.request, *fields))
     (reply,) = session.get(key, payload=payload, attachment=sender, timeout=DEADLINE)

@@ -11,7 +11,7 @@ from urllib.parse import parse_qs, urlsplit
 from websockets.asyncio.server import ServerConnection, broadcast
 from websockets.exceptions import ConnectionClosed
 
-from quadctl.services.bridges.base import RequestQueue, Taken, text_of
+from quadctl.services.bridges.base import RequestQueue, Taken
 from quadctl.services.bridges.foxglove.protocol import (
     JSON,
     ClientAdvertise,
@@ -124,8 +124,7 @@ class FoxgloveClient:
         """Show a problem until it is over, which None means."""
         if problem is not None:
             self._problems.add(what)
-            message = text_of(problem)[:_LONGEST_TEXT]
-            self.tell("status", level=_ERROR, message=message, id=what)
+            self.tell("status", level=_ERROR, message=_text_of(problem), id=what)
         elif what in self._problems:
             self._problems.remove(what)
             self.tell("removeStatus", statusIds=[what])
@@ -285,7 +284,7 @@ class FoxgloveClient:
             self._later(self._fail, call, problem)
 
     def _fail(self, call: ServiceCall, problem: QuadctlError) -> None:
-        text = text_of(problem)[:_LONGEST_TEXT]
+        text = _text_of(problem)
         self.tell("serviceCallFailure", serviceId=call.service, callId=call.number, message=text)
         # Lichtblick shows no failure of a call.
         self.complain("call", problem)
@@ -335,6 +334,12 @@ class FoxgloveClient:
         self._later(self.complain, "parameters", problem)
         # With the present values, a page shows what has become of its own.
         self._get_parameters([each.name for each in request.parameters], request.id)
+
+
+def _text_of(problem: QuadctlError) -> str:
+    """Return a problem and its hint in one line, cut to what a client is shown."""
+    text = f"{problem.message}: {problem.hint}" if problem.hint else problem.message
+    return text[:_LONGEST_TEXT]
 
 
 def token_of(path: str) -> str:

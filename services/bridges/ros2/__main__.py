@@ -116,13 +116,10 @@ class RosVehicle(BridgedVehicle):
         for type_, name, qos in _TOPICS:
             if type_ is Clock and (self._real_time or not self.node.is_first):
                 continue
-            type_name = type_.__msgtype__
-            digest = messages.type_hash(type_name)
-            key, token = self._declare("MP", name.format(self.name), type_name, digest, qos)
+            key, token = self._declare("MP", name.format(self.name), _key_of(type_), qos)
             self._outlets[type_] = Outlet(session, key, token, latched=qos == graph.LATCHED)
-        goal = PoseStamped.__msgtype__
-        name, digest = f"/{self.name}/goal_pose", messages.type_hash(goal)
-        key, _ = self._declare("MS", name, goal, digest, graph.RELIABLE)
+        goals = f"/{self.name}/goal_pose"
+        key, _ = self._declare("MS", goals, _key_of(PoseStamped), graph.RELIABLE)
         session.subscribe(key, self._on_goal)
         for name, service, do in (
             ("toggle_cage", SET_BOOL, lambda given: self.toggle_cage(on=given.data)),
@@ -195,14 +192,11 @@ class RosVehicle(BridgedVehicle):
     def _calibrated(self) -> str:
         return f"baseline: {self.calibrate():.4f} hPa"
 
-    def _declare(
-        self, kind: graph.Kind, name: str, type_name: str, digest: str, qos: str
-    ) -> tuple[str, str]:
+    def _declare(self, kind: graph.Kind, name: str, type_: str, qos: str) -> tuple[str, str]:
         """Announce an endpoint; return its key and its token."""
-        number = next(self._bridge.ids)
-        token = self._ros.endpoint_token(number, kind, name, type_name, digest, qos)
+        token = self._ros.endpoint_token(next(self._bridge.ids), kind, name, type_, qos)
         self._session.announce(token)
-        return graph.endpoint_key(self._bridge.domain, name, type_name, digest), token
+        return graph.endpoint_key(self._bridge.domain, name, type_), token
 
     def _serve(
         self,
@@ -213,8 +207,8 @@ class RosVehicle(BridgedVehicle):
         reads: bool = False,
     ) -> None:
         """Serve a service; the handler returns the fields of its response."""
-        place = f"/{self.name}/{name}"
-        key, _ = self._declare("SS", place, service.name, service.hash, graph.RELIABLE)
+        type_ = graph.type_key(service.name, service.hash)
+        key, _ = self._declare("SS", f"/{self.name}/{name}", type_, graph.RELIABLE)
         add = self._requests.read if reads else self._requests.order
 
         def on_query(query: ForeignQuery) -> None:
@@ -222,6 +216,10 @@ class RosVehicle(BridgedVehicle):
                 query.refuse("too many calls wait: call again later")
 
         self._session.serve(key, on_query)
+
+
+def _key_of(type_: Any) -> str:
+    return graph.type_key(type_.__msgtype__, messages.type_hash(type_.__msgtype__))
 
 
 def _outcome(do: Callable[[Any], str | None], request: Any) -> tuple[bool, str]:

@@ -23,15 +23,15 @@ _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_SIZE = 16
 
 
-def endpoint_key(domain: int, name: str, type_name: str, digest: str) -> str:
-    """Return the key of a topic or service with an absolute name."""
-    return f"{domain}/{name.strip('/')}/{dds_name(type_name)}/RIHS01_{digest}"
+def endpoint_key(domain: int, name: str, type_: str) -> str:
+    """Return the key of a topic or service with an absolute name; `type_` is made by type_key."""
+    return f"{domain}/{name.strip('/')}/{type_}"
 
 
-def dds_name(type_name: str) -> str:
-    """Return the DDS name of a type, e.g. of `std_msgs/msg/String`."""
+def type_key(type_name: str, digest: str) -> str:
+    """Return the part of a key for a type with a hash, e.g. `std_msgs/msg/String`."""
     package, kind, name = type_name.split("/")
-    return f"{package}::{kind}::dds_::{name}_"
+    return f"{package}::{kind}::dds_::{name}_/RIHS01_{digest}"
 
 
 class GraphNode(NamedTuple):
@@ -51,13 +51,10 @@ class GraphNode(NamedTuple):
         """Return the liveliness key of the node."""
         return self._token(self.number, "NN")
 
-    def endpoint_token(
-        self, entity: int, kind: Kind, name: str, type_name: str, digest: str, qos: str
-    ) -> str:
+    def endpoint_token(self, entity: int, kind: Kind, name: str, type_: str, qos: str) -> str:
         """Return the liveliness key of an endpoint; `entity` is its id in the session."""
         mangled = name.replace("/", "%")
-        place = self._token(entity, kind)
-        return f"{place}/{mangled}/{dds_name(type_name)}/RIHS01_{digest}/{qos}"
+        return f"{self._token(entity, kind)}/{mangled}/{type_}/{qos}"
 
     def _token(self, entity: int, kind: str) -> str:
         place = f"@ros2_lv/{self.domain}/{self.zid}/{self.number}/{entity}/{kind}"

@@ -4,12 +4,12 @@ import pytest
 
 from quadctl.services.bridges.ros2 import graph
 
-TYPE = "geometry_msgs/msg/PoseStamped"
+TYPE = graph.type_key("geometry_msgs/msg/PoseStamped", "10f3")
 NODE = graph.GraphNode(0, "aabb", 1, "uav", "quadctl")
 
 
 def test_a_key_has_the_domain_the_name_the_type_and_the_hash():
-    key = graph.endpoint_key(7, "/uav/pose", TYPE, "10f3")
+    key = graph.endpoint_key(7, "/uav/pose", TYPE)
     assert key == "7/uav/pose/geometry_msgs::msg::dds_::PoseStamped_/RIHS01_10f3"
 
 
@@ -18,7 +18,7 @@ def test_a_nodes_token_has_its_namespace():
 
 
 def test_an_endpoints_token_has_its_name_type_and_quality():
-    token = NODE.endpoint_token(2, "MP", "/uav/pose", TYPE, "10f3", graph.RELIABLE)
+    token = NODE.endpoint_token(2, "MP", "/uav/pose", TYPE, graph.RELIABLE)
     assert token == (
         "@ros2_lv/0/aabb/1/2/MP/%/%uav/quadctl/%uav%pose/"
         "geometry_msgs::msg::dds_::PoseStamped_/RIHS01_10f3/::,10:,:,:,,"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import astuple
+from msgspec.structs import astuple, replace
 
 from quadctl.cli import context, output
 from quadctl.cli.context import Options
@@ -116,8 +116,8 @@ def calibrate(options: Options, distance: float) -> None:
 def _fly(client: Client, distance: float, *, quiet: bool) -> tuple[Measured, list[Approach]]:
     vehicle, measured, approaches = Vehicle(client), Measured(), list[Approach]()
     home = _rest(client)
-    for axis, way in (("x", distance), ("y", distance), ("z", distance)):
-        there = _beside(home, axis, way)
+    for axis in "xyz":
+        there = replace(home, **{axis: getattr(home, axis) + distance})
         for start, end in ((home, there), (there, home)):
             if not quiet:
                 output.note(f"flying {distance:g} m along {axis}")
@@ -128,11 +128,6 @@ def _fly(client: Client, distance: float, *, quiet: bool) -> tuple[Measured, lis
             vehicle.goto(*astuple(home))
             _rest(client)
     return measured, approaches
-
-
-def _beside(place: Position, axis: str, way: float) -> Position:
-    x, y, z = astuple(place)
-    return Position(x + way * (axis == "x"), y + way * (axis == "y"), z + way * (axis == "z"))
 
 
 def _rest(client: Client) -> Position:

@@ -14,8 +14,9 @@ from quadctl.schemas.messages import SafetyState
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import SERVICES, STATE, TOPICS, Service, topic_of
 from quadctl.services.bridges.base import BridgedVehicle, run_bridge
+from quadctl.services.bridges.foxglove.client import Channel
 from quadctl.services.bridges.foxglove.protocol import JSON, schema
-from quadctl.services.bridges.foxglove.server import Channel, FoxgloveServer, Message
+from quadctl.services.bridges.foxglove.server import FoxgloveServer, Message
 from quadctl.services.bridges.foxglove.translation import readable
 from quadctl.services.bridges.foxglove.vehicles import Vehicles
 from quadctl.services.bridges.options import FoxgloveOptions

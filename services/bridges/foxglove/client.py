@@ -1,17 +1,18 @@
 """Client of the server: its subscriptions, its backlog, and its requests in their order."""
 
 import asyncio
+import secrets
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast
 from websockets.exceptions import ConnectionClosed
 
-from quadctl.services.bridges.base import RequestQueue, Taken
+from quadctl.services.bridges.base import Log, RequestQueue, Taken
 from quadctl.services.bridges.foxglove.protocol import (
     JSON,
     ClientAdvertise,
@@ -34,10 +35,8 @@ from quadctl.services.bridges.foxglove.protocol import (
     request_of,
     response_frame,
 )
+from quadctl.services.bridges.foxglove.vehicles import Vehicles
 from quadctl.services.runtime.errors import Invalid, QuadctlError, Refused
-
-if TYPE_CHECKING:
-    from quadctl.services.bridges.foxglove.server import Channel, FoxgloveServer
 
 _BACKLOG = 4 << 20
 """Bytes of messages that may wait for a slow client; beyond, it loses the oldest."""
@@ -59,14 +58,69 @@ _ERROR = 2
 """Level of a status that reports a problem."""
 
 
+Messages = Iterable[tuple[bytes, int]]
+"""Messages, and the Unix times (ns) at which they came."""
+
+
+class Channel:
+    """Channel of the server. A late subscriber gets its `latest` messages, by default the `last`."""
+
+    def __init__(
+        self, advertised: dict[str, Any], latest: Callable[[], Messages] | None = None
+    ) -> None:
+        self.advertised = advertised
+        self.last: tuple[bytes, int] | None = None
+        self.latest = latest or (lambda: [self.last] if self.last else [])
+        self.subscribers: dict[FoxgloveClient, int] = {}
+        """Subscription of each client that has one."""
+
+
+class Host:
+    """Part of the server that its clients use. Without a token nobody may act."""
+
+    def __init__(self, vehicles: Vehicles, log: Log, token: str) -> None:
+        self.vehicles, self.log, self._token = vehicles, log, token
+        self.channels: dict[int, Channel] = {}
+        self.services: dict[int, dict[str, Any]] = {}
+        self.loop: asyncio.AbstractEventLoop
+        self._stale, self._asked = set[str](), asyncio.Event()
+
+    def refresh(self, what: str) -> None:
+        """Read the `graph` or the `parameters` anew, if a client has subscribed; from any thread."""
+        self.loop.call_soon_threadsafe(self._mark_stale, what)
+
+    def why_watching(self, token: str) -> Refused | None:
+        """Return why a client may only watch, None with the right token; any other one takes as long."""
+        hint = "start the bridge by `quadctl bridge foxglove --control`"
+        if self._token:
+            if secrets.compare_digest(self._token.encode(), token.encode()):
+                return None
+            hint = "open the address with the token that `quadctl bridge foxglove` prints"
+        return Refused("this client may only watch", hint)
+
+    def tried(self, do: Callable[..., Any], *of: Any) -> Any:
+        """Return the result of a method of the vehicles, which blocks; a fault in it becomes a Refused."""
+        try:
+            return do(*of)
+        except QuadctlError:
+            raise
+        except Exception as fault:
+            self.log.exception("a request failed")
+            raise Refused(f"the bridge has a fault: {fault}", "its log has more") from fault
+
+    def _mark_stale(self, what: str) -> None:
+        self._stale.add(what)
+        self._asked.set()
+
+
 class FoxgloveClient:
     """Client of the server. Its methods are called on the server's thread, requests on their own."""
 
-    def __init__(self, server: "FoxgloveServer", connection: ServerConnection) -> None:
+    def __init__(self, server: Host, connection: ServerConnection) -> None:
         self._server, self._connection = server, connection
         path = connection.request.path if connection.request else ""
         self._token = token_of(path)
-        self.controls = server.is_right(self._token)
+        self.controls = server.why_watching(self._token) is None
         self.subscriptions: dict[int, Channel] = {}
         self.watched: set[str] = set()
         """Names of the parameters subscribed to, or _EVERY."""
@@ -266,8 +320,8 @@ class FoxgloveClient:
         self._server.loop.call_soon_threadsafe(do, *of)
 
     def _check_control(self) -> None:
-        if not self.controls:
-            raise self._server.why_watching
+        if why := self._server.why_watching(self._token):
+            raise why
 
     def _call(self, call: ServiceCall) -> None:
         try:

@@ -23,15 +23,16 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from quadctl.services.bridges.base import Log
-from quadctl.services.bridges.foxglove.client import FoxgloveClient, token_of
-from quadctl.services.bridges.foxglove.protocol import (
-    JSON,
-    SUBPROTOCOLS,
-    may_watch,
-    message_frame,
+from quadctl.services.bridges.foxglove.client import (
+    Channel,
+    FoxgloveClient,
+    Host,
+    Messages,
+    token_of,
 )
+from quadctl.services.bridges.foxglove.protocol import JSON, SUBPROTOCOLS, may_watch, message_frame
 from quadctl.services.bridges.foxglove.vehicles import Vehicles
-from quadctl.services.runtime.errors import QuadctlError, Refused
+from quadctl.services.runtime.errors import QuadctlError
 
 _CAPABILITIES = [
     "clientPublish",
@@ -49,28 +50,11 @@ _MOST_BYTES = 1 << 20
 _GRACE = 60.0
 """Seconds without an answer to a ping after which a client counts as gone."""
 
-Messages = Iterable[tuple[bytes, int]]
-"""Messages, and the Unix times (ns) at which they came."""
-
-
-class Channel:
-    """Channel of the server. A late subscriber gets its `latest` messages, by default the `last`."""
-
-    def __init__(
-        self, advertised: dict[str, Any], latest: Callable[[], Messages] | None = None
-    ) -> None:
-        self.advertised = advertised
-        self.last: tuple[bytes, int] | None = None
-        self.latest = latest or (lambda: [self.last] if self.last else [])
-        self.subscribers: dict[FoxgloveClient, int] = {}
-        """Subscription of each client that has one."""
-
-
 Message = tuple[Channel, bytes, int]
 """A channel, its message, and the Unix time (ns) at which it came."""
 
 
-class FoxgloveServer:
+class FoxgloveServer(Host):
     """Server for programs, and for the pages of some sites.
 
     A client may only watch unless its address has the token.
@@ -79,17 +63,13 @@ class FoxgloveServer:
     def __init__(
         self, vehicles: Vehicles, log: Log, *, token: str, origins: Collection[str]
     ) -> None:
-        """Take the sites (e.g. http://lab:8080) whose pages may connect; without a token nobody may act."""
-        self.vehicles, self.log = vehicles, log
-        self.channels: dict[int, Channel] = {}
-        self.services: dict[int, dict[str, Any]] = {}
-        self.loop: asyncio.AbstractEventLoop
-        self._token, self._origins, self._session = token, origins, secrets.token_hex(8)
+        """Take the sites (e.g. http://lab:8080) whose pages may connect."""
+        super().__init__(vehicles, log, token)
+        self._origins, self._session = origins, secrets.token_hex(8)
         self._numbers = count(1)
         self._clients: set[FoxgloveClient] = set()
         self._outbox: deque[Message] = deque(maxlen=_MOST_WAITING)
         self._flushing = False
-        self._stale, self._asked = set[str](), asyncio.Event()
 
     def open(self, listening: socket.socket, tls: SSLContext | None) -> None:
         """Serve at a socket from now on."""
@@ -119,33 +99,6 @@ class FoxgloveServer:
             # One wake for all that come until then.
             self._flushing = True
             self.loop.call_soon_threadsafe(self._flush)
-
-    def refresh(self, what: str) -> None:
-        """Read the `graph` or the `parameters` anew, if a client has subscribed; from any thread."""
-        self.loop.call_soon_threadsafe(self._mark_stale, what)
-
-    def is_right(self, token: str) -> bool:
-        """Return whether a client with this token may act, in the same time for right and wrong ones."""
-        return bool(self._token) and secrets.compare_digest(self._token.encode(), token.encode())
-
-    @property
-    def why_watching(self) -> Refused:
-        """Return the refusal for a client that may only watch."""
-        if self._token:
-            hint = "open the address with the token that `quadctl bridge foxglove` prints"
-        else:
-            hint = "start the bridge by `quadctl bridge foxglove --control`"
-        return Refused("this client may only watch", hint)
-
-    def tried(self, do: Callable[..., Any], *of: Any) -> Any:
-        """Return the result of a method of the vehicles, which blocks; a fault in it becomes a Refused."""
-        try:
-            return do(*of)
-        except QuadctlError:
-            raise
-        except Exception as fault:
-            self.log.exception("a request failed")
-            raise Refused(f"the bridge has a fault: {fault}", "its log has more") from fault
 
     async def _run(self, at: socket.socket, tls: SSLContext | None, serves: "Future[None]") -> None:
         self.loop = asyncio.get_running_loop()
@@ -185,7 +138,7 @@ class FoxgloveServer:
             self.log.warning("refused a page of %s: --origin allows it", origin)
             why = f"pages of {origin} may not connect to this bridge\n"
             return connection.respond(HTTPStatus.FORBIDDEN, why)
-        acts = self.is_right(token_of(request.path))
+        acts = self.why_watching(token_of(request.path)) is None
         if len([each for each in self._clients if each.controls is acts]) >= _MOST_CLIENTS:
             why = f"{_MOST_CLIENTS} clients are connected already\n"
             return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, why)
@@ -227,10 +180,6 @@ class FoxgloveServer:
             channel, data, at = self._outbox.popleft()
             for client, subscription in channel.subscribers.items():
                 client.send(message_frame(subscription, at, data))
-
-    def _mark_stale(self, what: str) -> None:
-        self._stale.add(what)
-        self._asked.set()
 
     async def _refresh(self) -> None:
         stale, self._stale = self._stale, set()

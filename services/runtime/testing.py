@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, cast
 
 from msgspec import Struct
 
-from quadctl.schemas.messages import Called, Pose
+from quadctl.schemas.messages import Called, Pose, Poses
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import POSE, POSE_SLOW, Service, Topic, period, set_params
+from quadctl.schemas.topics import POSE, POSE_SLOW, POSES, Service, Topic, period, set_params
 from quadctl.schemas.typed import converted
 from quadctl.services.runtime.errors import QuadctlError
 from quadctl.services.runtime.node import Node
@@ -64,7 +64,7 @@ class FakeNode:
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
         self.published: list[Published] = []
-        self._received, self._calls = deque(_with_slow(list(received))), deque(calls)
+        self._received, self._calls = deque(_as_published(list(received))), deque(calls)
         self._boots: set[str] = {""}
         self._now = ("", 0.0)
         self._listeners: dict[str, FakeSubscription] = {}
@@ -156,17 +156,22 @@ class FakeNode:
             self.on_params()
 
 
-def _with_slow(
+def _as_published(
     received: list[tuple[Topic[Any], Struct]],
 ) -> Iterator[tuple[Topic[Any], Struct]]:
-    """Yield the messages; if the list has no slow poses, with those that a vehicle would add."""
+    """Yield the messages, with what a vehicle adds to its poses: in batches, and slow ones if there are none."""
     lacks, last = all(topic is not POSE_SLOW for topic, _ in received), ("", -1)
+    batch: list[Pose] = []
     for topic, message in received:
         yield topic, message
-        if lacks and topic is POSE and isinstance(message, Pose):
+        if topic is POSE and isinstance(message, Pose):
+            batch.append(message)
             now = message.boot, POSE_SLOW.period(message.stamp)
             if now != last:
-                yield POSE_SLOW, message
+                yield POSES, Poses(batch)
+                batch = []
+                if lacks:
+                    yield POSE_SLOW, message
             last = now
 
 

@@ -2,6 +2,7 @@
 
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +176,7 @@ def test_a_damaged_beginning_is_read_past(whole: Path, tmp_path: Path):
 def test_a_repair_keeps_link_owner_and_mode(whole: Path, tmp_path: Path):
     path = flipped(whole, tmp_path, spans(whole)[3][0] + 200)
     path.chmod(0o640)
-    if os.geteuid() == 0:
+    with suppress(OSError):  # only root may, and only if its namespace has that user
         os.chown(path, 1234, 2345)
     was = path.stat()
     link = tmp_path / "link.mcap"

@@ -92,8 +92,8 @@ class FoxgloveOptions(Struct, frozen=True):
 
     def check(self) -> None:
         """Raise the error of the first wrong option."""
-        self.bound().close()
         _ = self.token, self.tls
+        self.bound().close()
 
 
 class Ros2Options(Struct, frozen=True):

@@ -1,21 +1,27 @@
-"""Tables of docs/reference/ from the declarations: commands, parameters, exit codes, types."""
+"""Tables of docs/reference/ from the declarations: commands, parameters, exit codes, types, files."""
 
 import textwrap
+import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
+import msgspec
 from msgspec import inspect
 
 from quadctl.cli.commands import ALIASES, COMMANDS, GROUPS, command
 from quadctl.cli.context import COMMON
 from quadctl.cli.declarations import Parameter, words_of
 from quadctl.cli.fault.catalogue import FAULTS
+from quadctl.cli.lab.rubric import EXPECTATIONS, RubricRow
+from quadctl.cli.mission.mission import KINDS
 from quadctl.schemas.topics import SERVICES, TOPICS, Topic
-from quadctl.schemas.typeinfo import bounds_text, definition, service_definition
+from quadctl.schemas.typeinfo import bounds_text, definition, fields, service_definition
 from quadctl.services.runtime import errors
 from quadctl.services.runtime.params import catalogue
 
 _EXAMPLE = "Example: "
+_LAB = Path(__file__).parents[1] / "cli" / "lab"
 
 
 def commands() -> str:
@@ -127,6 +133,45 @@ def keys() -> str:
     ]
     head = ["| key | type | from | rate | |", "|---|---|---|---|---|"]
     return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in rows)]) + "\n"
+
+
+def files() -> str:
+    """Return the tables of the rows of missions and rubrics, and of what a row may expect."""
+    lines = ["### Rows of a mission", "", "| `do` | keys | meaning |", "|---|---|---|"]
+    for kind, step in KINDS.items():
+        keys = ", ".join(f"`{field.encode_name}`{_otherwise(field)}" for field in fields(step))
+        lines.append(f"| `{kind}` | {keys} | {step.__doc__} |")
+    lines += ["", "### Rows of a rubric", "", "| key | default | meaning |", "|---|---|---|"]
+    for field in fields(RubricRow):
+        about = catalogue.annotation(field.type, "description")
+        if about:
+            default = _otherwise(field).strip(" ()") or "needed"
+            lines.append(f"| `{field.encode_name}` | {default} | {about} |")
+    lines += ["", "### Expectations", "", "| `expect` | holds if | further keys |", "|---|---|---|"]
+    for name, each in EXPECTATIONS.items():
+        further = "; ".join(f"`{key}`: {default}" for key, default in each.keys.items())
+        lines.append(f"| `{name}` | {each.holds} | {further} |")
+    return "\n".join(lines) + "\n"
+
+
+def graded() -> str:
+    """Return the table of the rows of the built-in rubric, and of those that it may be extended by."""
+    lines = ["| row | points | what it tests |", "|---|---|---|"]
+    for name in ("rubric", "hidden", "extra"):
+        tables = tomllib.loads((_LAB / f"{name}.toml").read_text(encoding="utf-8"))["row"]
+        lines += [
+            f"| {row['number']} | {row.get('points', 1.0):g} | {row['name']} |" for row in tables
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _otherwise(field: inspect.Field) -> str:
+    """Return the default of a field in brackets; empty if it is needed."""
+    if field.required:
+        return ""
+    factory = field.default_factory
+    default = field.default if factory is msgspec.NODEFAULT else factory()
+    return " (none)" if default is None else f" (`{msgspec.json.encode(default).decode()}`)"
 
 
 def faults() -> str:

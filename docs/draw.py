@@ -13,8 +13,10 @@ PROMISES = _DOCS / "promises.md"
 PAGES: dict[Path, Callable[[], str]] = {
     _DOCS / "explanation" / "safety.md": lambda: f"{words()}\n\n{table()}\n",
     _DOCS / "how-to" / "faults-and-wind.md": declared.faults,
+    _DOCS / "how-to" / "grading.md": declared.graded,
     _DOCS / "reference" / "commands.md": declared.commands,
     _DOCS / "reference" / "exit-codes.md": declared.exit_codes,
+    _DOCS / "reference" / "files.md": declared.files,
     _DOCS / "reference" / "keys-and-types.md": declared.keys,
     _DOCS / "reference" / "parameters.md": declared.parameters,
     _DOCS / "reference" / "types.md": declared.types,

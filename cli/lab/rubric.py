@@ -10,7 +10,7 @@ expect = "refused"
 
 from collections.abc import Sequence
 from random import Random
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import msgspec
 from msgspec import Meta, Struct
@@ -26,6 +26,7 @@ from quadctl.cli.mission.mission import (
     mission,
     params_of,
 )
+from quadctl.schemas.messages import StateName
 from quadctl.schemas.topics import SERVICES
 from quadctl.schemas.typed import converted
 from quadctl.schemas.units import Metres
@@ -39,21 +40,91 @@ Expectation = Literal[
 ]  # fmt: skip
 _FLIES = {"random_flights"}
 """Expectations that fly missions of their own."""
-_KEYS: dict[str, set[str]] = {
-    "refused": {"within"},
-    "arrives": {"within", "each"},
-    "answers_in_flight": {"within"},
-    "stays_inside": {"within"},
-    "answers": {"service", "within"},
-    "zeroed": {"within"},
-    "state_seen": {"state"},
-    "prints": {"node", "lines"},
-    "takes_waypoints": {"waypoints", "within"},
-    "replies": {"node", "reply", "within"},
-    "random_flights": {"flights", "seed", "seconds"},
+
+
+class Expected(NamedTuple):
+    """Condition of a flight as expected; `keys` has those beside the keys of every row, with their defaults."""
+
+    holds: str
+    keys: dict[str, str]
+
+
+EXPECTATIONS: dict[Expectation, Expected] = {
+    "refused": Expected(
+        "the last goal is refused by the verification: safety is HOVERING when it comes, shows"
+        " VERIFYING and HOVERING again, never sends the vehicle there, and the vehicle stays; each"
+        " goal before it was accepted and reached",
+        {"within": "0.3 m"},
+    ),
+    "arrives": Expected(
+        "the last goal is accepted, safety is MOVING until the vehicle is within the acceptance"
+        " range and HOVERING then, and at the end the vehicle is there; with `each` so it is with"
+        " every goal, before the next one comes",
+        {"within": "the acceptance range", "each": "`false`"},
+    ),
+    "transitions": Expected(
+        "on the last goal safety shows HOVERING, VERIFYING, MOVING and HOVERING, in this order and"
+        " no other",
+        {},
+    ),
+    "answers_in_flight": Expected(
+        "the last goal, which comes on the way to another, is refused with a reason and the other"
+        " reached, or accepted and reached",
+        {"within": "the acceptance range"},
+    ),
+    "stays_inside": Expected(
+        "the true position never leaves the cage in force", {"within": "the margin in force"}
+    ),
+    "stops": Expected(
+        "the vehicle is on its way when the cage comes on, does not leave the cage, and comes to"
+        " rest; a later goal is accepted and reached",
+        {},
+    ),
+    "answers": Expected(
+        "each request has an answer, and each refusal a reason; of the goals outside at least one"
+        " is refused; a baseline is the air's pressure. Before the first reading of a flight"
+        " `calibrate` may be refused. With `service` the calls of this service alone are judged",
+        {"service": "all", "within": "1 hPa"},
+    ),
+    "zeroed": Expected(
+        "after each `calibrate`, until the next, the readings are the change of the air's pressure"
+        " with the height flown since; after one with `unset` they are the air's pressure, to 1 hPa",
+        {"within": "0.01 hPa"},
+    ),
+    "parameter_obeyed": Expected(
+        "each goal gets the verdict of the cage that `set` and the mission command, and each"
+        " refusal is one as for `refused`",
+        {},
+    ),
+    "state_seen": Expected("safety publishes this state", {"state": 'e.g. `"MOVING"`'}),
+    "prints": Expected(
+        "each line is, from the node's start on, in a line of its log; the form of numbers and"
+        " spaces does not count",
+        {"lines": "a list of texts", "node": '`"safety"`'},
+    ),
+    "takes_waypoints": Expected(
+        "for each waypoint that the cage permits safety shows VERIFYING, MOVING and HOVERING, and"
+        " the vehicle gets there before the next; for each other one it shows VERIFYING and"
+        " HOVERING, and the vehicle stays",
+        {
+            "waypoints": "a list of `{ at, x, y, z }`, with a later time each",
+            "within": "the acceptance range",
+        },
+    ),
+    "replies": Expected(
+        "the reply to the last `call` has these fields with these values",
+        {"reply": "`{}`", "node": '`"safety"`', "within": "0, of numbers"},
+    ),
+    "random_flights": Expected(
+        "in random missions of the campaign no goal is wrongly answered, and the vehicle does not"
+        " leave the cage",
+        {
+            "flights": "`20`",
+            "seed": "`7`, of a hidden row that of the class",
+            "seconds": "`15.0`, of a flight",
+        },
+    ),
 }
-"""Keys that an expectation takes beside those of every row."""
-_COMMON = {"name", "number", "points", "visible", "hint", "rows", "end", "set", "expect"}
 _MOST_ROWS = 200
 
 
@@ -75,15 +146,28 @@ class RubricRow(Struct, frozen=True, forbid_unknown_fields=True):
     `within` is in m, for `answers` and `zeroed` in hPa; 0 means the default of the expectation.
     """
 
-    name: Annotated[str, Meta(min_length=1, max_length=120)]
-    expect: Expectation
-    points: Annotated[float, Meta(ge=0, le=1000)] = 1.0
-    number: str = ""
-    visible: bool = True
-    hint: str = ""
-    rows: list[dict[str, Any]] = []
-    end: float | None = None
-    set: dict[str, Any] = {}
+    name: Annotated[str, Meta(min_length=1, max_length=120, description="what the row tests")]
+    expect: Annotated[Expectation, Meta(description="one of the expectations below")]
+    points: Annotated[
+        float, Meta(ge=0, le=1000, description="points if the flight is as expected, else none")
+    ] = 1.0
+    number: Annotated[str, Meta(description="number in the report; else its place")] = ""
+    visible: Annotated[bool, Meta(description="`lab check` flies the row too")] = True
+    hint: Annotated[str, Meta(description="shown with a row that fails")] = ""
+    rows: Annotated[
+        list[dict[str, Any]],
+        Meta(
+            description="the flight, as in a mission. A number may be `[low, high]`, and a step"
+            " `optional = true`: both are drawn, by `lab grade` from its seed, by `lab check` always"
+            " the same"
+        ),
+    ] = []
+    end: Annotated[
+        float | None, Meta(description="end of the flight, s; else 5 s after the last row")
+    ] = None
+    set: Annotated[
+        dict[str, Any], Meta(description="parameters of the launch, as `[set]` of a mission")
+    ] = {}
     within: Annotated[float, Meta(ge=0)] = 0.0
     service: str = ""
     state: Literal["", "HOVERING", "VERIFYING", "MOVING"] = ""
@@ -103,6 +187,7 @@ class RubricRow(Struct, frozen=True, forbid_unknown_fields=True):
         return self.node or ("pressure" if of_pressure else "safety")
 
 
+_COMMON = {*RubricRow.__struct_fields__}.difference(*(each.keys for each in EXPECTATIONS.values()))
 _OF_PRESSURE = {"calibrate_pressure"}
 
 
@@ -209,15 +294,14 @@ def _row(table: dict[str, Any], number: int, source: str) -> RubricRow:
         row = converted({"number": str(number)} | table, RubricRow)
     except msgspec.ValidationError as error:
         hint = f"it takes {', '.join(sorted(_COMMON))}"
-        for name in ("expect", "state"):
+        for name, allowed in (("expect", [*EXPECTATIONS]), ("state", get_args(StateName))):
             if f"`$.{name}`" in str(error):
-                allowed = [value for value in RubricRow.__annotations__[name].__args__ if value]
                 near = nearest(str(table[name]), allowed)
                 hint = f"{near}{' ' * bool(near)}{name} is one of {', '.join(allowed)}"
         raise Invalid(f"{place}: {error}", hint) from error
-    takes = _KEYS.get(row.expect, set())
+    takes = EXPECTATIONS[row.expect].keys
     for name in table:
-        if name not in _COMMON | takes:
+        if name not in _COMMON.union(takes):
             also = (
                 f" beside those of every row it takes {', '.join(sorted(takes))}" if takes else ""
             )

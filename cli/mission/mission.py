@@ -150,7 +150,7 @@ class CallStep(Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", 
 
 
 Row = GotoStep | CageStep | HoldStep | Calibrate | ParamStep | CallStep
-_KINDS: dict[str, Any] = {
+KINDS: dict[str, Any] = {
     "goto": GotoStep,
     "cage": CageStep,
     "hold": HoldStep,
@@ -158,6 +158,7 @@ _KINDS: dict[str, Any] = {
     "param": ParamStep,
     "call": CallStep,
 }
+"""Kinds of rows, by their `do`."""
 
 
 class MissionFile(Struct, frozen=True):
@@ -228,11 +229,11 @@ def _refuse_run(name: str, place: str) -> None:
 
 def _row(table: dict[str, Any], place: str) -> Row:
     do = table.get("do", "")
-    if str(do) not in _KINDS:
+    if str(do) not in KINDS:
         what = f"do = {do!r} is no command" if "do" in table else "`do` is missing"
-        known = f"use one of {', '.join(_KINDS)}"
-        raise Invalid(f"{place}: {what}", nearest(str(do), _KINDS) or known)
-    kind = _KINDS[do]
+        known = f"use one of {', '.join(KINDS)}"
+        raise Invalid(f"{place}: {what}", nearest(str(do), KINDS) or known)
+    kind = KINDS[do]
     try:
         row: Row = converted(table, kind)
     except msgspec.ValidationError as error:

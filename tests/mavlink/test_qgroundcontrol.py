@@ -1,4 +1,4 @@
-"""What QGroundControl asks of a vehicle, item by item; docs/how-to/mavlink.md has the list."""
+"""What QGroundControl asks of a vehicle, item by item, by its source of autumn 2026."""
 
 from math import nan
 from typing import Any

@@ -1,7 +1,8 @@
-"""Table of docs/promises.md, made from the promises and from the results of the long counts."""
+"""Tables of docs/promises.md, made from the promises and from the results of the long counts."""
 
 import ast
 from functools import cache
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +24,36 @@ def proofs() -> list[Proof]:
 
 
 def table() -> str:
-    """Return the table, and below it the processors of the runs."""
-    found = proofs()
-    rows = ["| against | promise | held by | last found |", "|---|---|---|---|"]
-    rows += [
-        f"| {each.hazard} | {each.promise} | {'<br>'.join(map(_link, each.tests))}"
-        f" | {_figures(each, found)} |"
-        for each in PROMISES
+    """Return the promises, a table for each section, and below them what the long counts found."""
+    lines: list[str] = []
+    for section, promises in groupby(PROMISES, lambda each: each.section):
+        lines += [f"## {section}", "", "| no. | against | promise |", "|---|---|---|"]
+        lines += [f"| {each.number} | {each.hazard} | {each.promise} |" for each in promises]
+        lines.append("")
+    return "\n".join([*lines, *_counts(proofs())]) + "\n"
+
+
+def _counts(found: list[Proof]) -> list[str]:
+    rows = [
+        f"| {each.number} | {cells} |"
+        for each in sorted(PROMISES, key=lambda each: each.number)
+        for cells in _figures(each, found)
     ]
     processors = sorted({proof["processor"] for proof in found})
-    words = (
-        "The name of a test is `test_` and its words joined by `_`. The long counts ran on"
-        f" {', '.join(processors)}."
-    )
-    return "\n".join([*rows, "", words]) + "\n"
+    return [
+        "## What the long counts found",
+        "",
+        f"The last runs, on {', '.join(processors)}; each names its commit.",
+        "",
+        "<details markdown>",
+        f"<summary>{len(rows)} results</summary>",
+        "",
+        "| no. | counted | found | promised | commit |",
+        "|---|---|---|---|---|",
+        *rows,
+        "",
+        "</details>",
+    ]
 
 
 def owners(proof: Proof) -> list[Promise]:
@@ -79,17 +96,11 @@ def _tests(path: str) -> dict[str, str]:
     return found
 
 
-def _link(test: str) -> str:
-    path, _, name = test.partition("::")
-    words = f"[{name.removeprefix('test_').replace('_', ' ')}](../{path})"
-    return f"**{words}**" if tier(test) == "prove" else words
-
-
-def _figures(promise: Promise, found: list[Proof]) -> str:
-    shown = [
-        f"{of and f'{of}: '}{proof['found']}; promised: {proof['promised']} ({proof['commit']})"
-        for words, of in promise.last.items()
+def _figures(promise: Promise, found: list[Proof]) -> list[str]:
+    """Return the cells of each result: what was counted, found and promised, and the commit."""
+    return [
+        f"{label or promise.hazard} | {proof['found']} | {proof['promised']} | {proof['commit']}"
+        for words, label in promise.last.items()
         for proof in found
         if words in proof["promise"]
-    ]
-    return "<br>".join(shown) or ("not run yet" if promise.last else "")
+    ] or [f"{promise.hazard} | not run yet | | "] * bool(promise.last)

@@ -36,8 +36,8 @@ def sections() -> Iterator[Section]:
         if isinstance(inner, inspect.StructType):
             yield from _sections(field.encode_name, inner)
         else:
-            about = _annotation(field.type, "description")
-            entry = Entry(field.encode_name, inner, {}, about, _annotation(field.type, "unit"))
+            about = annotation(field.type, "description")
+            entry = Entry(field.encode_name, inner, {}, about, annotation(field.type, "unit"))
             yield Section(field.encode_name, about, (entry,))
 
 
@@ -86,12 +86,12 @@ def _sections(name: str, type_: inspect.StructType) -> Iterator[Section]:
     defaults, nested, entries = type_.cls(), [], []
     for field in fields(type_.cls):
         path = f"{name}.{field.encode_name}"
-        about, inner = _annotation(field.type, "description"), _bare(field.type)
+        about, inner = annotation(field.type, "description"), _bare(field.type)
         if isinstance(inner, inspect.StructType) and not about:
             nested.append((path, inner))
             continue
         default = to_builtins(getattr(defaults, field.encode_name))
-        entries.append(Entry(path, inner, default, about, _annotation(field.type, "unit")))
+        entries.append(Entry(path, inner, default, about, annotation(field.type, "unit")))
     first_line = (type_.cls.__doc__ or "").partition("\n")[0].rstrip(".")
     yield Section(name, first_line, tuple(entries))
     for path, inner in nested:
@@ -107,7 +107,8 @@ def _leaves(entry: Entry) -> Iterator[Entry]:
         yield from _leaves(Entry(path, _bare(field.type), default, entry.about, entry.unit))
 
 
-def _annotation(type_: inspect.Type, name: str) -> str:
+def annotation(type_: inspect.Type, name: str) -> str:
+    """Return a note of a type's Meta, e.g. its `description`; empty without one."""
     if not isinstance(type_, inspect.Metadata):
         return ""
     extra = type_.extra_json_schema if name == "description" else type_.extra

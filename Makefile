@@ -16,6 +16,7 @@ READY := $(VENV)/.ready
 RUN := $(VENV)/bin/python
 # Most tests wait for processes; with more than two workers for a processor these starve on a slow machine.
 WORKERS = $(shell $(RUN) -c 'import os; print(min(2 * os.cpu_count(), 6))')
+UV := uv==0.13.8
 LOCK := .cache/lock/bin/uv pip compile --quiet --universal --generate-hashes \
 	--no-config --no-header --no-annotate
 
@@ -28,7 +29,7 @@ unexport PYTHONPATH PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
 # Without bytecode each process of the tests would compile everything anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-rest test-all prove accept check docs machines lock clean
+.PHONY: demo test test-rest test-all prove accept check docs machines release lock clean
 
 demo: $(DEMO_READY)
 	$(VENV)/bin/quadctl demo
@@ -55,14 +56,20 @@ prove: $(READY)  ## The long counts; writes docs/promises.md and docs/figures.md
 accept: $(READY)  ## What follows from changed declarations, element by element; WRITE=1 writes it.
 	$(RUN) -m tests.golden.accept $(if $(WRITE),--write)
 
-docs: $(READY)  ## The book, in build/book.
+docs: $(READY)  ## The book, in build/book; PUBLISH=REMOTE puts it on the branch gh-pages there, too.
 	$(RUN) -m docs.book
+	$(if $(PUBLISH),$(VENV)/bin/ghp-import --no-jekyll --no-history --force --push --remote $(PUBLISH) build/book)
 
 check: $(READY)  ## The fast part of the tests: lengths, layers, lint, format, types, clauses.
 	$(RUN) tests/checks/house.py
 
 machines:  ## `make demo` and `make test` on three bare machines, or on those of SUITES; as root.
 	$(PYTHON) tests/machines.py $(SUITES)
+
+# It publishes nothing. REHEARSE=1 leaves addresses and date open; MACHINES has bare Debians, as root;
+# TAGGED=1 is for a workflow that the tag starts.
+release: $(READY)  ## Wheel and sdist of the last commit, in dist/: compared, checked, installed.
+	$(RUN) -m deploy.release --uv $(UV) $(if $(REHEARSE),--rehearse) $(if $(TAGGED),--tagged) --machines $(MACHINES)
 
 $(DEMO_READY): requirements.lock requirements-build.lock pyproject.toml $(RUN)
 	@command -v $(PYTHON) >/dev/null || { echo "There is no $(PYTHON): install Python 3.11 or newer" \
@@ -77,7 +84,7 @@ $(RUN): ;
 
 lock:  ## Pins the requirements of pyproject.toml; UPGRADE=--upgrade takes the newest versions.
 	$(PYTHON) -m venv --clear .cache/lock
-	.cache/lock/bin/python -m pip install --quiet uv==0.13.8
+	.cache/lock/bin/python -m pip install --quiet $(UV)
 	$(LOCK) pyproject.toml --group dev $(UPGRADE) -o requirements-dev.lock
 	$(LOCK) pyproject.toml --constraints requirements-dev.lock -o requirements.lock
 	$(LOCK) --group build --constraints requirements-dev.lock -o requirements-build.lock

@@ -1,12 +1,15 @@
 """README's two commands on bare machines, for `make machines`: Debian 12, 13 and its development suite.
 
     python3 tests/machines.py [SUITE...]
+    python3 tests/machines.py --wheel FILE --uv REQUIREMENT [SUITE...]
 
+The second command installs a wheel there instead, as `deploy/installed.py` does, for `make release`.
 A machine is a folder below .cache/machines with git, make, python3, python3-venv and certificates, from the
 mirror of this machine's apt; its pip has this machine's configuration. Each command runs as root in a fresh
 clone of the last commit. Its mounts and processes are in namespaces that end with it.
 """
 
+import argparse
 import os
 import re
 import shutil
@@ -26,8 +29,8 @@ MIRROR = ("Created-By: Packages", "Origin: Debian", "Label: Debian", "Component:
 """Properties of the source of apt that is a mirror of Debian, without security and backports."""
 CHECKOUT = "root/quadctl"
 """Place of the clone on a machine."""
-PASSED_ON = re.compile(r"PIP_(?!CACHE_DIR)|SSL_|REQUESTS_|(https?|no)_proxy$", re.IGNORECASE)
-"""Environment variables by which pip reaches its index."""
+PASSED_ON = re.compile(r"(PIP|UV)_(?!CACHE_DIR)|SSL_|REQUESTS_|(https?|no)_proxy$", re.IGNORECASE)
+"""Environment variables by which pip and uv reach their index."""
 ENTER = """
 set -e
 root=$1 cache=$2 command=$3; shift 3
@@ -42,21 +45,31 @@ exit $code
 
 
 class Result(NamedTuple):
-    """Outcome of both commands on a machine."""
+    """Outcome of the commands on a machine."""
 
     ok: bool
     summary: str
 
 
-def main(*suites: str) -> int:
-    """Try both commands on the machines of the suites; return the exit code."""
+def main(*words: str) -> int:
+    """Try README's commands or a wheel on the machines of the suites; return the exit code."""
+    parser = argparse.ArgumentParser(description="Try README's commands on bare machines.")
+    parser.add_argument("--wheel", type=Path, help="install this wheel there instead")
+    parser.add_argument("--uv", help="requirement of uv, which installs it, too")
+    parser.add_argument("suites", nargs="*", default=SUITES, metavar="SUITE")
+    asked = parser.parse_args(words)
     if os.geteuid() != 0:
         sys.exit(
             "make machines lays Debian in a folder and enters it, as root only: sudo make machines"
         )
     require_mmdebstrap()
     PIP_CACHE.mkdir(parents=True, exist_ok=True)
-    results = [trial(suite, laid(suite)) for suite in suites or SUITES]
+    results = [
+        installation(suite, laid(suite), asked.wheel, asked.uv)
+        if asked.wheel
+        else trial(suite, laid(suite))
+        for suite in asked.suites
+    ]
     print(*(result.summary for result in results), sep="\n")
     return 0 if all(result.ok for result in results) else 1
 
@@ -101,11 +114,7 @@ def lines(*command: str) -> list[str]:
 
 def trial(suite: str, root: Path) -> Result:
     """Run both commands in a fresh clone on a machine."""
-    checkout, log = root / CHECKOUT, MACHINES / f"{suite}.log"
-    shutil.rmtree(checkout, ignore_errors=True)
-    # The checkout may belong to the user who called sudo.
-    git = ("git", "-c", "safe.directory=*", "clone", "--quiet", "--no-hardlinks")
-    subprocess.run([*git, ROOT, checkout], check=True)
+    checkout, log = clone(root), MACHINES / f"{suite}.log"
     print(f"{suite}: make demo, make test; their output is in {log}", flush=True)
     with log.open("wb") as out:
         began = time.monotonic()
@@ -117,12 +126,39 @@ def trial(suite: str, root: Path) -> Result:
     demo = f"{seconds:.0f} s with {packages} packages" if flown else "failed"
     counts = re.findall(r"^=* ?(\d+ [a-z]+.* in [\d.]+s\b.*?)=*$", said, re.MULTILINE)
     left_out = re.findall(r"^=+ NOT TESTED =+\n(.*?)(?=^=)", said, re.MULTILINE | re.DOTALL)
-    version = lines("chroot", str(root), "python3", "--version")[0]
     summary = [
-        f"{suite} ({version}): make demo {demo}; make test {counts[-1].strip() if counts else 'failed'}",
+        f"{suite} ({python_of(root)}): make demo {demo}; make test {counts[-1].strip() if counts else 'failed'}",
         *(f"  not tested: {line}" for line in "".join(left_out).splitlines()),
     ]
     return Result(tested, "\n".join(summary))
+
+
+def installation(suite: str, root: Path, wheel: Path, uv: str) -> Result:
+    """Install and use a wheel on a machine, in fresh environments."""
+    checkout, log = clone(root), MACHINES / f"{suite}-wheel.log"
+    (checkout / "dist").mkdir()
+    shutil.copy(wheel, checkout / "dist")
+    print(f"{suite}: {wheel.name}; the output is in {log}", flush=True)
+    with log.open("wb") as out:
+        pip = "PIP_CACHE_DIR=/root/quadctl/.cache/pip PIP_ROOT_USER_ACTION=ignore"
+        ok = enter(root, f"{pip} python3 deploy/installed.py dist/{wheel.name} {uv}", out)
+    said = log.read_text("utf-8", errors="replace").strip()
+    return Result(ok, f"{suite} ({python_of(root)}): {'' if ok else 'failed'}\n{said}")
+
+
+def clone(root: Path) -> Path:
+    """Return a fresh clone of the last commit on a machine."""
+    checkout = root / CHECKOUT
+    shutil.rmtree(checkout, ignore_errors=True)
+    # The checkout may belong to the user who called sudo.
+    git = ("git", "-c", "safe.directory=*", "clone", "--quiet", "--no-hardlinks")
+    subprocess.run([*git, ROOT, checkout], check=True)
+    return checkout
+
+
+def python_of(root: Path) -> str:
+    """Return the version of a machine's Python."""
+    return lines("chroot", str(root), "python3", "--version")[0]
 
 
 def enter(root: Path, command: str, out: IO[bytes]) -> bool:

@@ -129,9 +129,10 @@ def use(quadctl: Path, folder: Path, extras: list[str], *, demo: bool) -> None:
         require_ready(bridges, ask("status", "--json"))
         if "console" in extras:
             watch_console(quadctl, folder, place)
-        for extra in extras:
-            if extra in USES:
-                ask(*USES[extra])
+        if (
+            len(extras) == 1 and extras[0] in USES
+        ):  # with all extras it would take the same minute again
+            ask(*USES[extras[0]])
         ask("doctor")
     except BaseException:
         with suppress(Failed):

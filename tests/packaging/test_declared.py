@@ -58,9 +58,11 @@ def test_declared_packages_are_exactly_the_imported_ones():
 
 def licence(package: metadata.Distribution) -> str:
     """Return the licences that a package declares: an expression, classifiers or free text."""
-    told = package.metadata
-    classified = [each for each in told.get_all("Classifier", []) if each.startswith("License ::")]
-    return told.get("License-Expression") or " ".join(classified) or told.get("License", "none")
+    told = package.metadata.json  # keys in lower case, and lists of what may be there several times
+    classified = [each for each in told.get("classifier", []) if each.startswith("License ::")]
+    return str(
+        told.get("license_expression") or " ".join(classified) or told.get("license", "none")
+    )
 
 
 def installed_with_all_extras() -> dict[str, metadata.Distribution]:

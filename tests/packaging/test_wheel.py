@@ -1,6 +1,7 @@
 """Built wheel in a fresh environment, used outside the checkout."""
 
 import os
+import re
 import subprocess
 import sys
 import tarfile
@@ -69,6 +70,14 @@ def test_the_wheel_has_one_package(wheel):
     assert len(set(names)) == len(names)
     assert {"quadctl/py.typed", "quadctl/__main__.py", "quadctl/cli/main.py"} <= set(names)
     assert f"{dist_info}/licenses/LICENSE" in names
+
+
+def test_the_page_of_the_registry_has_no_relative_link(wheel):
+    text = zipfile.ZipFile(wheel).read(f"quadctl-{VERSION}.dist-info/METADATA").decode("utf-8")
+    links = re.findall(r"\]\(([^)\s]+)\)", text)
+    assert f"/raw/v{VERSION}/docs/flight.gif" in " ".join(links)
+    assert len(links) > 50
+    assert [link for link in links if not link.startswith(("https://", "#"))] == []
 
 
 def test_the_sdist_builds_the_same_wheel(built, wheel, tmp_path):

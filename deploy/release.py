@@ -275,4 +275,7 @@ def step(*command: str, umask: int = -1, without: str = "") -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("interrupted: nothing is released")

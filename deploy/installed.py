@@ -152,11 +152,12 @@ def watch_console(quadctl: Path, folder: Path, place: dict[str, str]) -> None:
     """Open the page of a console that runs for so long; raise Failed if it does not answer."""
     words = (quadctl, "console", "--json", "--port", "0")
     with subprocess.Popen(
-        words, cwd=folder, env=environment(place), stdout=subprocess.PIPE, text=True
-    ) as console:
+        words, cwd=folder, env=environment(place), text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as console:  # fmt: skip
         try:
             if console.stdout is None or not (line := console.stdout.readline()):
-                raise Failed("the console ended at its start")
+                raise Failed(f"the console ended at its start\n{console.communicate()[1]}")
             with urllib.request.urlopen(json.loads(line)["url"], timeout=SECONDS) as page:  # noqa: S310 - ours
                 if page.status != 200 or b"quadctl" not in page.read():
                     raise Failed("the console's page is not ours")

@@ -69,6 +69,6 @@ def test_a_form_asks_for_what_it_needs(name: str):
 
 def test_the_citation_is_of_this_project():
     found = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
-    for field in ("version", "license", "keywords"):
+    for field in ("authors", "version", "license", "keywords"):
         assert found[field] == PROJECT[field]
     assert found["abstract"] == PROJECT["description"]

@@ -9,6 +9,7 @@ no fault. It needs nothing but Python: bare machines run it, too. UV is a requir
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -123,8 +124,11 @@ def use(quadctl: Path, folder: Path, extras: list[str], *, demo: bool) -> None:
     if demo:
         ask("demo")
     bridges = [extra for extra in extras if extra in BRIDGES]
+    if "foxglove" in bridges:  # another program may have the usual port
+        command = f"{quadctl} bridge foxglove --port {free_port()}"
+        (folder / "quad.toml").write_text(f'[processes]\nfoxglove = "{command}"\n', "utf-8")
     try:
-        ask("up", "-d", *(word for bridge in bridges for word in ("--bridge", bridge)))
+        ask("up", "-d", *(f"--bridge={each}" for each in bridges if each != "foxglove"))
         expect("arrived", quadctl, "goto", "1", "2", "1", cwd=folder, variables=place)
         require_ready(bridges, ask("status", "--json"))
         if "console" in extras:
@@ -139,6 +143,13 @@ def use(quadctl: Path, folder: Path, extras: list[str], *, demo: bool) -> None:
             ask("down")
         raise
     ask("down")
+
+
+def free_port() -> int:
+    """Return a port of this machine that no program has."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+        return port
 
 
 def require_ready(nodes: list[str], status: str) -> None:

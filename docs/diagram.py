@@ -5,6 +5,7 @@ import textwrap
 
 from quadctl.services.safety.automaton import RULES, Rule, keep
 from quadctl.services.safety.model import State
+from quadctl.services.safety.motion import LIMITS
 
 _WIDTH, _HEIGHT, _MIDDLE, _LINE = 790, 285, 115, 17
 """Size of the picture, height of the boxes' middle, and distance of two lines of text, px."""
@@ -87,6 +88,12 @@ def words() -> str:
         f"- `{name}`: {_first_line(text or '')}"
         for name, text in sorted(dict(parts).items(), key=lambda part: part[0].lower())
     )
+
+
+def limits() -> str:
+    """Return the first docstring line of each limit on goals, in their order."""
+    lines = [f"- `{limit.__name__}`: {_first_line(limit.__doc__ or '')}" for limit in LIMITS]
+    return "\n".join(["Limits on a goal, in their order; then its way is checked:", "", *lines])
 
 
 def _first_line(text: str) -> str:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from benchmarks.tables import between
 from docs import declared
-from docs.diagram import diagram, table, words
+from docs.diagram import diagram, limits, table, words
 from tests.promises.table import table as promises
 
 _DOCS = Path(__file__).parent
 PROMISES = _DOCS / "promises.md"
 PAGES: dict[Path, Callable[[], str]] = {
-    _DOCS / "explanation" / "safety.md": lambda: f"{words()}\n\n{table()}\n",
+    _DOCS / "explanation" / "safety.md": lambda: f"{words()}\n\n{table()}\n\n{limits()}\n",
     _DOCS / "how-to" / "faults-and-wind.md": declared.faults,
     _DOCS / "how-to" / "grading.md": declared.graded,
     _DOCS / "reference" / "commands.md": declared.commands,

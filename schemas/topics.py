@@ -67,6 +67,10 @@ class Topic(Generic[M]):
         """Return the number of the declared rate's period at a simulated time (s)."""
         return period(stamp, self.hz)
 
+    def begins(self, stamp: float, step: float) -> bool:
+        """Return whether a period begins at a simulated time (s), one step (s) after the time before."""
+        return self.period(stamp) != self.period(stamp - step)
+
 
 class Service(Generic[Q, R]):
     """Request and response, on a key that one process answers.

@@ -1,17 +1,19 @@
 """Virtual cage: a box that stands on the floor; its walls belong to it. m, ENU."""
 
 from quadctl.schemas.messages import CageSize
+from quadctl.schemas.params import CageParams
 from quadctl.services.airspace.geometry import Point
 
 Interval = tuple[float, float]
+Cage = CageSize | CageParams
 
 
-def bounds(cage: CageSize) -> dict[str, Interval]:
+def bounds(cage: Cage) -> dict[str, Interval]:
     """Return the interval of each axis."""
     return {"x": (-cage.x, cage.x), "y": (-cage.y, cage.y), "z": (0.0, cage.z)}
 
 
-def why_outside(point: Point, cage: CageSize) -> str:
+def why_outside(point: Point, cage: Cage) -> str:
     """Return which axis leaves the cage by which bound; empty if the point is inside.
 
     A point on the boundary is inside. NaN is outside.

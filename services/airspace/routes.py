@@ -12,8 +12,8 @@ from itertools import combinations, pairwise
 from math import cos, dist, hypot, inf, pi, sin
 from typing import NamedTuple
 
-from quadctl.schemas.messages import CageSize
 from quadctl.schemas.zones import Edge, edges_of
+from quadctl.services.airspace.cage import Cage
 from quadctl.services.airspace.geometry import Box, Piece, Point, around
 from quadctl.services.airspace.zones import Column, Region, side, touched
 
@@ -114,7 +114,7 @@ class _SpentError(Exception):
     """Every look is spent."""
 
 
-def way_around(region: Region, cage: CageSize, start: Point, goal: Point) -> tuple[Point, ...]:
+def way_around(region: Region, cage: Cage, start: Point, goal: Point) -> tuple[Point, ...]:
     """Return the corners (m) of the shortest way around the zones; none if none was found."""
     search = _Search(region, cage)
     try:
@@ -129,7 +129,7 @@ def way_around(region: Region, cage: CageSize, start: Point, goal: Point) -> tup
 class _Search:
     """Search for one way; counts its looks at zones."""
 
-    def __init__(self, region: Region, cage: CageSize) -> None:
+    def __init__(self, region: Region, cage: Cage) -> None:
         self._region, self._cage, self._left = region, cage, _MOST_LOOKS
 
     def way(self, start: Point, goal: Point, clearance: float, *, rough: bool) -> tuple[Point, ...]:

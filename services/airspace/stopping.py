@@ -10,10 +10,9 @@ hardest stop would end outside, the vehicle can no longer stop inside.
 from math import dist, hypot, inf, sqrt
 
 from msgspec import Struct
-from msgspec.structs import astuple
 
-from quadctl.schemas.messages import CageSize, Pose
-from quadctl.services.airspace.cage import bounds
+from quadctl.schemas.messages import Pose
+from quadctl.services.airspace.cage import Cage, bounds
 from quadctl.services.airspace.geometry import Box, Point, place_of, velocity_of
 from quadctl.services.airspace.zones import Region
 
@@ -88,19 +87,6 @@ STANDSTILL = StoppingLaw(0.0, 0.0, inf)
 """Law of a vehicle at rest that is not about to move."""
 
 
-class Envelope(Struct, frozen=True):
-    """Limits of the vehicle's motion; beyond these, by more than the margin (m), it is unreliable.
-
-    `speed` is in m/s. The guard's hardest stop brakes with `deceleration` (m/s^2) after `reaction` (s).
-    """
-
-    speed: float
-    deceleration: float
-    margin: float
-    reaction: float
-    stop: StoppingLaw
-
-
 def outside(x: float, y: float, z: float, sx: float, sy: float, sz: float) -> float:
     """Return the distance (m) of a place from a cage of this size, 0 inside."""
     dx = max(-sx - x, x - sx, 0.0)
@@ -140,21 +126,7 @@ def straight_stop(pose: Pose, deceleration: float, reaction: float = 0.0) -> Poi
     return x + t * vx, y + t * vy, z + t * vz
 
 
-def stopping_excess(pose: Pose, cage: CageSize, region: Region, envelope: Envelope) -> float:
-    """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest.
-
-    Each axis may stop as soon as it can, or all together on the line that the vehicle flies: beside
-    a zone, only one of the two may be clear.
-    """
-    here, limits = place_of(pose), (envelope.deceleration, envelope.reaction)
-    place = soonest_stop(pose, *limits)
-    inside = region.excess(here, place) if region else 0.0
-    if inside > 0:
-        inside = min(inside, region.excess(here, straight_stop(pose, *limits)))
-    return max(outside(*place, *astuple(cage)), inside)
-
-
-def leeway(pose: Pose, cage: CageSize, region: Region, law: StoppingLaw) -> float:
+def leeway(pose: Pose, cage: Cage, region: Region, law: StoppingLaw) -> float:
     """Return the greatest distance (m) outside the cage, or in a zone, of a sound vehicle that must stop."""
     here, box = place_of(pose), law.box(pose)
     out = hypot(

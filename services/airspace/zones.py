@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
-from quadctl.schemas.messages import CageSize
 from quadctl.schemas.zones import CAGE_NAME, FARTHEST, Edge, ZoneParams, edges_of, turn
+from quadctl.services.airspace.cage import Cage
 from quadctl.services.airspace.geometry import Box, Point
 
 Span = tuple[Fraction, Fraction]
@@ -391,7 +391,7 @@ class Region:
         return f"the zone {names}" if len(self.inclusions) == 1 else f"the zones {names}"
 
 
-def nearest(p: Point, cage: CageSize, region: Region) -> Nearest:
+def nearest(p: Point, cage: Cage, region: Region) -> Nearest:
     """Return the wall of the cage or of a zone that is nearest to a place; the floor is none."""
     x, y, z = p
     box = Nearest(CAGE_NAME, min(cage.x - abs(x), cage.y - abs(y), cage.z - z))

@@ -168,7 +168,7 @@ class Batch:
             round(lane.monitor.moved * SETPOINT.hz) if lane.monitor.moved >= 0 else -inf,
             params.acceptance_range + SLACK,
             params.max_deceleration, params.reaction, params.max_speed / SETPOINT.hz,
-            s.beyond if s.cage_on else inf, lane.monitor.envelope.margin - SLACK,
+            s.beyond if s.cage_on else inf, lane.monitor.margin - SLACK,
             *goal, size.x, size.y, size.z,
         )  # fmt: skip
 
@@ -272,7 +272,7 @@ class Batch:
 
     def _flown_alone(self, number: int) -> Flown:
         lane, mission = self.lanes[number], self.missions[number]
-        diary, margin = lane.diary, lane.monitor.envelope.margin
+        diary, margin = lane.diary, lane.monitor.margin
         worst, at = self._score.worst[number].item(), self._score.at[number].item()
         if worst > margin:
             diary.now = at

@@ -341,8 +341,7 @@ class SimulatedFlight:
                 self.diary.violated("a sound vehicle was stopped on its way out of the cage")
             return
         way = dist(astuple(pose.position), astuple(before.position))
-        envelope = self.monitor.envelope
-        most = envelope.speed * (pose.stamp - before.stamp) + envelope.margin
+        most = self.params.max_speed * (pose.stamp - before.stamp) + self.monitor.margin
         if abs(way - most) > ROUNDING and jumped is not (way > most):
             self.diary.violated(
                 "a sound pose was taken for a jump" if jumped else "a jump of the pose was missed"
@@ -370,7 +369,7 @@ class SimulatedFlight:
     def _expect_at_goal(self) -> None:
         s, pose = self.monitor.situation, self.monitor.pose
         since = max(self.monitor.moved, self.diary.changed_at)
-        rest = max(REST, self.monitor.envelope.stop.settling)
+        rest = max(REST, self.monitor.stop.settling)
         rests = s.state is State.HOVERING and self.diary.now - since > rest
         if rests and dist(s.goal, place_of(pose)) > NEAR:
             self.diary.violated("it rests away from the goal that safety publishes")
@@ -445,7 +444,7 @@ class Departure:
         k, t = 0.5 / self._params.max_deceleration, self._params.reaction
         motion = zip(place_of(pose), velocity_of(pose), strict=True)
         x, y, z = (p + t * v + k * v * abs(v) for p, v in motion)
-        limit = self.allowed + self._monitor.envelope.margin + ROUNDING
+        limit = self.allowed + self._monitor.margin + ROUNDING
         return stopping.outside(x, y, z, *size) > limit
 
     def confine(self, size: Point) -> None:

@@ -295,8 +295,7 @@ class Simulation:
     @property
     def _answer_is_due(self) -> bool:
         """Return whether safety answers this pose: the first in a period of the setpoint."""
-        period = 1 / self._params.rate
-        return SETPOINT.period(self._stamp) != SETPOINT.period(self._stamp - period)
+        return SETPOINT.begins(self._stamp, 1 / self._params.rate)
 
     @property
     def _stamp(self) -> float:

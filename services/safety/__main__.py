@@ -7,7 +7,6 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import (
     WAITS,
-    CageSize,
     Called,
     Info,
     NearestWall,
@@ -258,8 +257,7 @@ def run(node: Node, params: Params, traffic: Traffic | None = None) -> None:
 
 def _log_launch(node: Node, params: Params) -> None:
     """Log the lab's lines: the cage as intervals, the rest unchanged."""
-    size = params.safety.virtual_cage
-    intervals = bounds(CageSize(size.x, size.y, size.z))
+    intervals = bounds(params.safety.virtual_cage)
     for line in launch_lines(params.safety, node.reference_params and node.reference_params.safety):
         axis = line.removeprefix("Param: virtual cage ")[:1]
         if line.startswith("Param: virtual cage "):

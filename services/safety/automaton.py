@@ -283,7 +283,7 @@ def from_flight(s: Situation, _e: Event, _w: World) -> bool:
 
 def arrived(s: Situation, _e: Event, w: World) -> bool:
     """Return whether the vehicle is within the acceptance range of its goal."""
-    return dist(w.place, s.goal) < w.acceptance_range
+    return dist(w.place, s.goal) < w.params.acceptance_range
 
 
 def barred(s: Situation, e: Event, w: World) -> bool:
@@ -313,12 +313,12 @@ def paused(s: Situation, _e: Event, _w: World) -> bool:
 def jumped(_s: Situation, _e: Event, w: World) -> bool:
     """Return whether this pose is too far from the previous one for the vehicle's speed."""
     seconds = w.pose.stamp - w.last.stamp
-    return _moved(w) > w.envelope.speed * seconds + w.envelope.margin
+    return _moved(w) > w.params.max_speed * seconds + w.margin
 
 
 def straying(s: Situation, _e: Event, w: World) -> bool:
     """Return whether, with the cage on, the vehicle can no longer stop inside or in `beyond`."""
-    return s.cage_on and w.stopping_excess() > s.beyond + w.envelope.margin
+    return s.cage_on and w.stopping_excess() > s.beyond + w.margin
 
 
 class Rule(NamedTuple):

@@ -5,13 +5,15 @@ from enum import Enum
 from math import inf
 
 from msgspec import Struct
+from msgspec.structs import astuple
 
-from quadctl.schemas.messages import CageSize, Pose
+from quadctl.schemas.messages import Pose
+from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.services.airspace import stopping
 from quadctl.services.airspace.geometry import Box, Point, place_of
 from quadctl.services.airspace.routes import FlightPath
 from quadctl.services.airspace.separation import NOBODY, Neighbour, Others
-from quadctl.services.airspace.stopping import Envelope, StoppingLaw
+from quadctl.services.airspace.stopping import StoppingLaw
 from quadctl.services.airspace.zones import Region
 
 _NO_ZONES = Region()
@@ -117,7 +119,8 @@ Event = Goto | Check | Seen | Lost | Gone | Lagged | Halted | Booted | Hold | To
 class World(Struct, frozen=True):
     """Input of the automaton. `fresh` means that the pose may be relied on, else `unready` tells why.
 
-    `last` is the previous pose of the same boot, or for the first one of a boot the same pose.
+    `last` is the previous pose of the same boot, or for the first one of a boot the same pose. `params`
+    are those of `[safety]`; `stop` is the law of the vehicle's stop, `margin` (m) its tolerance in the wind.
     `others` are the vehicles to keep apart from; they count where a goal is verified. `rested` is the
     time (s) for which the vehicle has been at rest, infinite for all its boot.
     """
@@ -125,9 +128,9 @@ class World(Struct, frozen=True):
     pose: Pose
     last: Pose
     fresh: bool
-    cage: CageSize
-    acceptance_range: float
-    envelope: Envelope
+    params: SafetyParams
+    stop: StoppingLaw
+    margin: float
     unready: str = "no pose: dynamics is silent"
     region: Region = _NO_ZONES
     others: Others = NOBODY
@@ -138,9 +141,23 @@ class World(Struct, frozen=True):
         """Return where the vehicle is, m."""
         return place_of(self.pose)
 
+    @property
+    def cage(self) -> CageParams:
+        """Return the bounds of the cage."""
+        return self.params.virtual_cage
+
     def stopping_excess(self) -> float:
-        """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest."""
-        return stopping.stopping_excess(self.pose, self.cage, self.region, self.envelope)
+        """Return how far outside the cage or inside a zone (m) the vehicle soonest comes to rest.
+
+        Each axis may stop as soon as it can, or all together on the line that the vehicle flies: beside
+        a zone, only one of the two may be clear.
+        """
+        pose, limits = self.pose, (self.params.max_deceleration, self.params.reaction)
+        here, place = self.place, stopping.soonest_stop(pose, *limits)
+        inside = self.region.excess(here, place) if self.region else 0.0
+        if inside > 0:
+            inside = min(inside, self.region.excess(here, stopping.straight_stop(pose, *limits)))
+        return max(stopping.outside(*place, *astuple(self.cage)), inside)
 
     def leeway(self, law: StoppingLaw) -> float:
         """Return how far out (m) a vehicle that stops by this law may come."""

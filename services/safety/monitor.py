@@ -27,7 +27,7 @@ from quadctl.services.airspace.airworthiness import stopping_law
 from quadctl.services.airspace.cage import why_outside
 from quadctl.services.airspace.geometry import Point, place_of
 from quadctl.services.airspace.separation import NOBODY, Others, conflicts, why_near
-from quadctl.services.airspace.stopping import PATIENCE, Envelope, StoppingLaw, at_rest
+from quadctl.services.airspace.stopping import PATIENCE, StoppingLaw, at_rest
 from quadctl.services.airspace.zones import Region, nearest
 from quadctl.services.safety.automaton import Rule, step
 from quadctl.services.safety.model import (
@@ -336,7 +336,7 @@ class Monitor:
 
     def state(self) -> SafetyState:
         """Return the automaton's state for publication."""
-        s, cage = self.situation, self._cage()
+        s, cage = self.situation, CageSize(*astuple(self._params.virtual_cage))
         state = SafetyState(
             s.boot, self.pose.stamp, s.request, cast("StateName", s.state.name), Position(*s.end), s.cage_on, cage, s.reason
         )  # fmt: skip
@@ -347,8 +347,8 @@ class Monitor:
         """Return the nearest wall in force; no name with the cage off, or before the first pose."""
         if not (self.situation.cage_on and self.situation.boot):
             return NearestWall()
-        name, distance = nearest(place_of(self.pose), self._cage(), self._zones_in_force())
-        return NearestWall(name, distance, distance <= self._params.warn_within)
+        wall = nearest(place_of(self.pose), self._params.virtual_cage, self._zones_in_force())
+        return NearestWall(*wall, wall.distance <= self._params.warn_within)
 
     @property
     def zones(self) -> Zones:
@@ -371,7 +371,7 @@ class Monitor:
             return "the simulation restarted: the goal is dropped"
         if self._restarted:
             return "safety restarted: hovering here, cage on"
-        outside = why_outside(place_of(self.pose), self._cage())
+        outside = why_outside(place_of(self.pose), self._params.virtual_cage)
         return f"the start is {outside}" if self.situation.cage_on and outside else ""
 
     def _feed(self, event: Event, world: World | None = None) -> None:
@@ -389,17 +389,20 @@ class Monitor:
             self._on_state(self.state(), _line(before, after, event))
 
     @property
-    def envelope(self) -> Envelope:
-        """Return the limits of the vehicle's motion."""
-        params, reaction = self._params, self._params.reaction
-        stop = self._stop.declared(reaction, params.max_acceleration, params.min_deceleration)
-        margin = params.margin + self._most_blown
-        return Envelope(params.max_speed, params.max_deceleration, margin, reaction, stop)
+    def stop(self) -> StoppingLaw:
+        """Return the law of the vehicle's stop."""
+        p = self._params
+        return self._stop.declared(p.reaction, p.max_acceleration, p.min_deceleration)
+
+    @property
+    def margin(self) -> float:
+        """Return the tolerance (m) of the vehicle's motion, in the strongest wind since the last boot."""
+        return self._params.margin + self._most_blown
 
     def world(self, others: Others = NOBODY) -> World:
         """Return the automaton's input, with the newest pose."""
         return World(
-            self.pose, self._last, self.fresh, self._cage(), self._params.acceptance_range, self.envelope,
+            self.pose, self._last, self.fresh, self._params, self.stop, self.margin,
             region=self._zones_in_force(), others=others, rested=self.pose.stamp - self.moved,
         )  # fmt: skip
 
@@ -407,10 +410,6 @@ class Monitor:
         if self._params.zones is not self._zones:
             self._zones, self._region = self._params.zones, Region(self._params.zones)
         return self._region
-
-    def _cage(self) -> CageSize:
-        size = self._params.virtual_cage
-        return CageSize(size.x, size.y, size.z)
 
 
 def _line(before: Situation, after: Situation, event: Event) -> str:

@@ -47,23 +47,23 @@ def rest_of(s: Situation, w: World) -> Rest:
         return Rest.NONE
     if not (s.brake or _is_near(s, w)):
         return Rest.AWAY
-    return Rest.SETTLED if w.rested >= w.envelope.stop.settling else Rest.NEAR
+    return Rest.SETTLED if w.rested >= w.stop.settling else Rest.NEAR
 
 
 def _is_near(s: Situation, w: World) -> bool:
     """Return whether the vehicle is near its goal; wind may keep it off by the margin."""
-    near = min(NEAR, _PART * dist(s.origin, s.goal)) + w.envelope.margin
+    near = min(NEAR, _PART * dist(s.origin, s.goal)) + w.margin
     return dist(w.place, s.goal) < near
 
 
 def responded(s: Situation, w: World) -> bool:
     """Return whether the vehicle's motion shows its last command by now."""
-    return w.pose.stamp >= s.commanded + w.envelope.stop.response
+    return w.pose.stamp >= s.commanded + w.stop.response
 
 
 def stop_law(s: Situation, w: World) -> StoppingLaw:
     """Return the law of a stop; a vehicle that has settled stays."""
-    stop = w.envelope.stop
+    stop = w.stop
     return STANDSTILL if responded(s, w) and w.rested >= stop.settling else stop
 
 
@@ -72,17 +72,26 @@ def stays(s: Situation, w: World) -> bool:
     return not (s.flies or s.stops) and rest_of(s, w) in {Rest.NEAR, Rest.SETTLED}
 
 
-def verify(s: Situation, request: Goto, w: World, *, direct: bool = False) -> GoalVerdict:
-    """Return the verdict on a goal: inside the box, free of zones, and apart from other vehicles.
+def within_cage(request: Goto, s: Situation, w: World) -> str:
+    """Refuse a goal outside the cage, `virtual_cage`; while that is off, one below the floor."""
+    return why_outside(request.goal, w.cage) if s.cage_on else why_below(request.goal)
 
-    The box is convex: the straight way there stays inside, or comes nearer at every step. Zones are
+
+LIMITS: tuple[Callable[[Goto, Situation, World], str], ...] = (within_cage,)
+"""Limits on a goal, which may be no number yet: the first that returns a reason refuses it."""
+
+
+def verify(s: Situation, request: Goto, w: World, *, direct: bool = False) -> GoalVerdict:
+    """Return the verdict on a goal: in all limits, free of zones, and apart from other vehicles.
+
+    The cage is convex: the straight way there stays inside, or comes nearer at every step. Zones are
     not: the way itself is checked, and unless it is to be `direct`, one around them is searched for.
     """
-    goal = request.goal
-    route = _route_to(s, goal, w)
-    if not s.cage_on:
-        why = why_below(goal)
-    elif not (why := why_outside(goal, w.cage)):
+    route, why = _route_to(s, request.goal, w), ""
+    for limit in LIMITS:
+        if why := limit(request, s, w):
+            return GoalVerdict(route, why)
+    if s.cage_on:
         route, why = _among_zones(route, w, direct=direct)
     if why:
         return GoalVerdict(route, why)
@@ -91,7 +100,7 @@ def verify(s: Situation, request: Goto, w: World, *, direct: bool = False) -> Go
     if all(isfinite(number) for point in route.points for number in point):
         return GoalVerdict(route)
     # A goal that is no number is in no cage, on or off.
-    return GoalVerdict(route, why_outside(goal, w.cage) or "the goal is no place")
+    return GoalVerdict(route, why_outside(request.goal, w.cage) or "the goal is no place")
 
 
 def too_near(route: FlightPath, s: Situation, w: World) -> list[Neighbour]:

@@ -273,7 +273,7 @@ def _is_far(a: World, b: World, keep: float) -> bool:
     reach = keep
     for world in (a, b):
         speed = hypot(*velocity_of(world.pose))
-        reach += world.envelope.stop.reach(speed, speed)
+        reach += world.stop.reach(speed, speed)
     return dist(a.place, b.place) > reach
 
 
@@ -289,9 +289,9 @@ def _stop_path(s: Situation, w: World) -> Piece:
     One on its course, but for the margin, stops there, or as far off; of any other one nothing is known
     but its speed.
     """
-    stop, off = w.envelope.stop, off_course(s, w)
+    stop, off = w.stop, off_course(s, w)
     end = straight_stop(w.pose, stop.deceleration, stop.response)
-    if s.stops or off <= w.envelope.margin:
+    if s.stops or off <= w.margin:
         slack = 0.0 if s.stops else off
         x, y, z = (
             min(max(e, min(a, p) - slack), max(b, p) + slack)

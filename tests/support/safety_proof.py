@@ -15,10 +15,12 @@ Why the proof holds for the code:
 - Numbers are IEEE doubles, NaN and infinities included, and `inside` is written here once more, in
   the solver's terms. All that the invariant needs are comparisons, and they are exact.
 - Geometry is replaced by more than it can do (`abstracted`): `leeway` and `stopping_excess` return
-  any number at each call; `dist`, sums and products any, but equal for equal arguments (a sum with a
-  known infinity is exact). So it holds wherever the guards trip, and says nothing about where. Zones
+  any number at each call; functions of `math`, sums and products any, but equal for equal arguments (a
+  sum with a known infinity is exact). So it holds wherever the guards trip, and says nothing about where. Zones
   bar any places, boxes (`AnyRegion`) and ways, and a way around them has any corners. Other vehicles
   (`AnyOthers`) may be too near any way, and a vehicle at rest or at its goal at any time.
+- Limits on goals are those of `LIMITS` in motion.py, each with a clause. That of the cage is written here
+  once more, by `place` and `inside`; what others refuse is left to their tests.
 - Boots are compared for equality alone, so the unset boot, the present one, a new one and one that
   is over stand for all. A reason may be any text.
 
@@ -40,7 +42,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from copy import copy
 from functools import partial
-from itertools import islice, product
+from itertools import chain, islice, product
 from math import inf
 from typing import Any, NamedTuple
 
@@ -53,8 +55,10 @@ from quadctl.schemas.messages import CageSize, Pose, Position
 from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import ZoneParams
 from quadctl.services.airspace import routes, stopping
+from quadctl.services.airspace.cage import Cage
 from quadctl.services.airspace.geometry import Box, Point
 from quadctl.services.airspace.separation import How, Neighbour, Others
+from quadctl.services.airspace.stopping import StoppingLaw
 from quadctl.services.airspace.zones import Nearest, Region
 from quadctl.services.safety import automaton, monitor, motion
 from quadctl.services.safety.model import (
@@ -242,10 +246,20 @@ def any_stops(_s: Situation, w: World) -> Box:
     return somewhere("lowest", *about), somewhere("highest", *about)
 
 
+def any_result(name: str, *arguments: Any) -> Number:
+    """Return any number for a function of `math`, the same again for the same numbers and points."""
+    numbers = (each if isinstance(each, tuple) else (each,) for each in arguments)
+    return opaque(name, *chain.from_iterable(numbers))
+
+
 @contextmanager
 def abstracted() -> Iterator[None]:
     """Replace the geometry by unknown numbers."""
     with pytest.MonkeyPatch.context() as patch:
+        for owner in (automaton, motion, stopping):
+            for name, thing in vars(owner).items():
+                if callable(thing) and thing.__module__ == "math":
+                    patch.setattr(owner, name, partial(any_result, name))
         for owner in (automaton, motion):
             patch.setattr(owner, "motion", lambda s: box_around(s.origin, s.goal))
         for owner in (motion, routes):
@@ -268,8 +282,8 @@ def abstracted() -> Iterator[None]:
         patch.setattr(motion, "isfinite", lambda number: Truth(finite(number)))
         patch.setattr(monitor, "Region", lambda _: AnyRegion())
         patch.setattr(monitor, "nearest", lambda *_: Nearest("any", Number()))  # type: ignore[arg-type]
-        for owner in (automaton, stopping):
-            patch.setattr(owner, "dist", lambda a, b: opaque("dist", *a, *b))
+        # The declared numbers may be any, so those of every other law, too.
+        patch.setattr(StoppingLaw, "declared", lambda _law, *numbers: StoppingLaw(*numbers))
         for name in ("leeway", "stopping_excess"):
             patch.setattr(World, name, lambda _w, *_: Number())
         yield
@@ -290,7 +304,7 @@ def finite(number: object) -> z3.BoolRef:
     return z3.Not(z3.Or(z3.fpIsNaN(term(number)), z3.fpIsInf(term(number))))
 
 
-def inside(point: Point, cage: CageSize) -> z3.BoolRef:
+def inside(point: Point, cage: Cage) -> z3.BoolRef:
     """Return whether a point is in the cage, the walls included; NaN is not."""
     x, y, z = map(term, point)
     a, b, c = map(term, astuple(cage))
@@ -310,7 +324,7 @@ def same(a: Point, b: Point) -> z3.BoolRef:
 TRUE, FALSE = z3.BoolVal(True), z3.BoolVal(False)
 
 
-def invariant(s: Situation, cage: CageSize, fresh: z3.BoolRef) -> Clauses:
+def invariant(s: Situation, cage: Cage, fresh: z3.BoolRef) -> Clauses:
     """Return the clauses that hold between any two events."""
     on, verified = term(s.cage_on), s.candidate is not None
     legal = z3.Implies(on, inside(s.goal, cage))
@@ -338,8 +352,15 @@ def invariant(s: Situation, cage: CageSize, fresh: z3.BoolRef) -> Clauses:
     }
 
 
-def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
-    """Return the clauses that hold for an event."""
+def refusing(s: Situation, e: Event, w: World) -> str:
+    """Return the limit that refuses the candidate at a check; empty if there is none."""
+    if not isinstance(e, Check) or s.candidate is None:
+        return ""
+    return next((limit.__name__ for limit in motion.LIMITS if limit(s.candidate, s, w)), "")
+
+
+def transition(s: Situation, e: Event, w: World, after: Situation, limit: str) -> Clauses:
+    """Return the clauses that hold for an event, at which a `limit` may refuse the candidate."""
     check = isinstance(e, Check) and s.candidate is not None
     candidate, fresh = s.candidate.goal if s.candidate else s.goal, term(w.fresh)
     continues = z3.And(not s.brake, same(after.goal, s.goal))
@@ -359,6 +380,7 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
     given: Any = w.others
     others = given if isinstance(given, AnyOthers) else None
     near, bent = (z3.And(check, others.near.term), others.bent.term) if others else (FALSE, FALSE)
+    untaken = z3.Or(after.state is not MOVING, z3.And(s.flies, same(after.goal, s.goal)))
     leaves = (Seen, Gone, Hold, Booted, Toggle, Resized)
     return {
         "a vehicle is sent off only by an accepted goal, a resumed flight or a corner": z3.Implies(
@@ -384,12 +406,12 @@ def transition(s: Situation, e: Event, w: World, after: Situation) -> Clauses:
             ),
             z3.Or(rested, z3.And(again, braked, term(after.beyond) == term(inf))),
         ),
-        "a way too near another vehicle is not taken": z3.Implies(
-            near, z3.Or(after.state is not MOVING, z3.And(s.flies, same(after.goal, s.goal)))
-        ),
-        "a place inside is accepted, but for zones and other vehicles": z3.Implies(
+        "a way too near another vehicle is not taken": z3.Implies(near, untaken),
+        f"a goal is not taken that {limit or 'a limit'} refuses": z3.Implies(bool(limit), untaken),
+        "a place inside is accepted, but for zones, other vehicles and further limits": z3.Implies(
             z3.And(
                 check, z3.Not(ZONED), z3.Not(near), z3.Not(bent), place(candidate),
+                limit in {"", motion.within_cage.__name__},
                 z3.Or(z3.Not(term(s.cage_on)), inside(candidate, w.cage)),
             ),
             z3.And(after.state is MOVING, same(after.goal, candidate)),
@@ -467,8 +489,8 @@ def _prove_event(proof: Proof, before: Situation, e: Event, w: World) -> Iterato
     after_fresh = z3.And(term(w.fresh), not isinstance(e, Lost))
     yield from proof.check(
         given | invariant(before, size, before_fresh),
-        lambda: step(before, e, w),
-        lambda after: invariant(after, w.cage, after_fresh) | transition(before, e, w, after),
+        lambda: (step(before, e, w), refusing(before, e, w)),
+        lambda found: invariant(found[0], w.cage, after_fresh) | transition(before, e, w, *found),
         before, e, w,
     )  # fmt: skip
 
@@ -576,11 +598,11 @@ def silenced(seconds: Number, told: Told) -> Clauses:
 
 
 def answered(goal: Position, told: Told) -> Clauses:
-    s, accepted, size = told.after.situation, told.result == "", astuple(told.after._cage())
+    s, accepted, params = told.after.situation, told.result == "", told.after._params
     unchanged = z3.And(same(s.goal, told.s.goal), s.brake is told.s.brake)
     return {
         "a goal is accepted with a pose alone, and flown to": z3.Implies(
-            z3.And(accepted, *map(finite, size)),
+            z3.And(accepted, *map(finite, astuple(params.virtual_cage))),
             z3.And(told.fresh, s.state is MOVING, same(s.end, astuple(goal))),
         ),
         "a goal that is refused changes nothing": z3.Or(accepted, unchanged, s.brake),
@@ -626,7 +648,6 @@ def _prove_monitor(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
         before = Published(**asdict(s) | {"boot": boot, "reason": "earlier"})
         (params,) = unknown(SafetyParams)
         (pose,), (last,), fresh, grace = unknown(Pose), unknown(Pose), Truth(), Number()
-        size = CageSize(*astuple(params.virtual_cage))
         restarted = Truth()
         for name, (act, ensures) in calls(boot):
 
@@ -654,10 +675,10 @@ def _prove_monitor(proof: Proof, share: int, shares: int) -> Iterator[Failure]:
                             after.situation.paused is None,
                         ),
                     ),
-                    **invariant(after.situation, after._cage(), term(after.fresh)),
+                    **invariant(after.situation, after._params.virtual_cage, term(after.fresh)),
                     **ensures(told),  # noqa: B023
                 }
 
-            given = invariant(before, size, fresh.term)
+            given = invariant(before, params.virtual_cage, fresh.term)
             given |= {"before the first boot": z3.Or(bool(boot), z3.Not(fresh.term))}
             yield from proof.check(given, run, clauses, before, name, params)

@@ -100,6 +100,9 @@ class Number:
     def __format__(self, _spec: str) -> str:
         return "nan"
 
+    def __bool__(self) -> bool:
+        return bool(Truth(z3.Not(z3.fpIsZero(self.term))))
+
     __repr__ = __str__ = lambda _self: "nan"
 
 

@@ -2,9 +2,10 @@
 
 from msgspec.structs import replace
 
-from quadctl.schemas.messages import BodyRates, CageSize, Pose, Position, Quaternion, Velocity
+from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Velocity
+from quadctl.schemas.params import CageParams, SafetyParams
 from quadctl.schemas.zones import ZoneParams
-from quadctl.services.airspace.stopping import Envelope, StoppingLaw
+from quadctl.services.airspace.stopping import StoppingLaw
 from quadctl.services.airspace.zones import Region
 from quadctl.services.safety.model import FlightPhase, Situation, State, World
 
@@ -15,7 +16,7 @@ GOAL = (3.0, 0.0, 1.0)
 INSIDE = (1.0, 2.0, 1.5)
 OUTSIDE = (9.0, 0.0, 1.0)
 BELOW = (9.0, 0.0, -0.25)
-CAGE = CageSize(5.0, 5.0, 2.0)
+PARAMS = SafetyParams(virtual_cage=CageParams(5.0, 5.0, 2.0))
 
 FLYING, RESTING = Velocity(1.0, 0.0, 0.0), Velocity(0.0, 0.0, 0.049)
 POSE = Pose(
@@ -23,8 +24,7 @@ POSE = Pose(
 )
 LAST = replace(POSE, position=Position(-0.05, 0.0, 1.0), stamp=3.95)
 LAW = StoppingLaw(response=0.25, acceleration=4.0, deceleration=2.0)
-ENVELOPE = Envelope(speed=10.0, deceleration=10.0, margin=0.01, reaction=0.0, stop=LAW)
-SEEING = World(POSE, LAST, fresh=True, cage=CAGE, acceptance_range=0.5, envelope=ENVELOPE)
+SEEING = World(POSE, LAST, fresh=True, params=PARAMS, stop=LAW, margin=0.01)
 BLIND = replace(SEEING, fresh=False)
 AT_REST = replace(
     SEEING, pose=replace(POSE, velocity=RESTING), last=replace(LAST, velocity=RESTING), rested=9.0

@@ -58,10 +58,8 @@ def jumped(speeds: float, margins: float) -> Breaks:
     """Return what takes a pose for a jump at other multiples of the speed and the margin."""
 
     def when(s: Any, e: Any, w: Any) -> bool:
-        envelope = replace(
-            w.envelope, speed=speeds * w.envelope.speed, margin=margins * w.envelope.margin
-        )
-        return automaton.jumped(s, e, replace(w, envelope=envelope))
+        params = replace(w.params, max_speed=speeds * w.params.max_speed)
+        return automaton.jumped(s, e, replace(w, params=params, margin=margins * w.margin))
 
     return condition("jumped", when)
 

@@ -9,10 +9,11 @@ from math import inf
 from typing import Any, NamedTuple
 
 import pytest
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from docs.diagram import diagram, table, words
 from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.schemas.params import CageParams
 from quadctl.services.airspace.cage import why_outside
 from quadctl.services.safety import automaton
 from quadctl.services.safety.automaton import RULES, Rule, keep, step
@@ -36,7 +37,7 @@ from quadctl.services.safety.model import (
 )
 from quadctl.services.safety.motion import verify
 from tests.support.rule_cases import AT, CASES, Case
-from tests.support.worlds import ENVELOPE, LAST, PLAIN, POSE, SEEING
+from tests.support.worlds import LAST, PARAMS, PLAIN, POSE, SEEING
 
 CAGES = (CageSize(5.0, 5.0, 2.0), CageSize(3.0, 3.0, 2.0))
 POINTS = ((0.0, 0.0, 1.0), (4.0, 0.0, 1.0), (9.0, 0.0, 1.0))
@@ -77,11 +78,12 @@ def worlds(cage: CageSize, *, any_past: bool) -> tuple[World, ...]:
     With `any_past`, each has every previous speed too.
     """
     seen = []
+    params = replace(PARAMS, virtual_cage=CageParams(*astuple(cage)))
     for place, speed, before in product(POINTS, SPEEDS, SPEEDS):
         if any_past or speed is before:
             pose = replace(POSE, position=Position(*place), velocity=speed)
             last = replace(LAST, position=Position(*place), velocity=before)
-            seen.append(World(pose, last, True, cage, 0.5, ENVELOPE))
+            seen.append(replace(SEEING, pose=pose, last=last, params=params))
     leap = replace(seen[0], last=replace(LAST, position=Position(*POINTS[1])))
     return (*seen, leap if any_past else replace(leap, fresh=False))
 
@@ -138,18 +140,19 @@ class Explorer:
         for cage, event in product(CAGES, EXPLORED):
             if cage == node.cage or isinstance(event, Resized):
                 for world in WORLDS[cage, isinstance(event, Seen)]:
-                    self._step(situation, event, world)
+                    self._step(Node(situation, cage), event, world)
         for world in WORLDS[node.cage, False]:
             for event in checks(situation, world):
-                self._step(situation, event, world)
+                self._step(node, event, world)
 
-    def _step(self, situation: Situation, event: Event, world: World) -> None:
+    def _step(self, node: Node, event: Event, world: World) -> None:
+        situation, cage = node
         after = step(situation, event, world, on_rule=self.fired.add)
         if isinstance(event, Seen) and out_of_control(situation, world):
             astray = after.state is State.MOVING and after.cage_on
-            self.uncontrolled += [(Node(situation, world.cage), world)] if astray else []
+            self.uncontrolled += [(Node(situation, cage), world)] if astray else []
             self.controlled += situation.state is State.MOVING
-        self._waiting.append(Node(plain(after), world.cage))
+        self._waiting.append(Node(plain(after), cage))
 
 
 @pytest.fixture(scope="module")

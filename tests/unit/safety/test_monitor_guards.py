@@ -208,15 +208,15 @@ def test_a_declared_reaction_is_a_part_of_the_way_to_a_stop():
 
 def test_the_widest_law_since_the_boot_is_the_one_that_counts():
     rig = Rig().hovering()
-    before = rig.monitor.envelope.stop
+    before = rig.monitor.stop
     slow = StoppingLaw(2 * before.response, before.acceleration, 0.1)
     rig.monitor.set_stop(slow, 0.2)
-    assert rig.monitor.envelope.stop == slow
+    assert rig.monitor.stop == slow
     # Until its next standstill the vehicle flies by the old value.
     rig.monitor.set_stop(before, 0.0)
-    assert rig.monitor.envelope.stop == slow
+    assert rig.monitor.stop == slow
     rig.at(ONE_UP, boot="b2")
-    assert rig.monitor.envelope.stop == before
+    assert rig.monitor.stop == before
 
 
 def test_a_flight_inside_the_cage_is_not_disturbed():

@@ -23,11 +23,12 @@ from tests.support.safety_proof import (
     prove_monitor,
     prove_start,
     prove_step,
+    refusing,
     step,
     story,
     transition,
 )
-from tests.support.worlds import ENVELOPE
+from tests.support.worlds import LAW, PARAMS
 from tests.unit.campaign.test_broken_safety import BROKEN
 
 OUTSIDE = "no setpoint outside with the cage on, but to brake"
@@ -151,12 +152,12 @@ def replayed(failure: Failure, clause: str) -> bool:
     situation, found, world = failure.values
     situation = replace(situation, reach=None)
     still = replace(world.pose, velocity=STILL)
-    world = replace(
-        world, pose=still, last=still, envelope=ENVELOPE, region=Region(), others=NOBODY
-    )
-    after = step(situation, found, world)
+    params = replace(PARAMS, virtual_cage=world.cage)
+    world = replace(world, pose=still, last=still, region=Region(), others=NOBODY)
+    world = replace(world, params=params, stop=LAW, margin=0.01)
+    after, limit = step(situation, found, world), refusing(situation, found, world)
     clauses = invariant(after, world.cage, z3.BoolVal(True)) | transition(
-        situation, found, world, after
+        situation, found, world, after, limit
     )
     return z3.is_false(z3.simplify(clauses[clause]))
 

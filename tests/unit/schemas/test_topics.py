@@ -36,5 +36,6 @@ def test_each_counted_stamp_is_in_its_own_period(hz: float):
 
 
 def test_at_100_poses_a_second_every_fifth_starts_a_period():
-    periods = [SETPOINT.period(count / 100) for count in range(1000)]
-    assert periods == [count // 5 for count in range(1000)]
+    stamps = [count / 100 for count in range(1000)]
+    assert [SETPOINT.period(stamp) for stamp in stamps] == [count // 5 for count in range(1000)]
+    assert [stamp for stamp in stamps if SETPOINT.begins(stamp, 0.01)] == stamps[::5]

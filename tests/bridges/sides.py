@@ -147,7 +147,10 @@ class FoxgloveSide(Side):
 
     def await_state(self, state: dict[str, Any]) -> None:
         wanted = {name: state[name] for name in ("state", "reason", "goal", "cage_on", "request")}
-        self.client.message("uav/safety/state", lambda shown: wanted.items() <= shown.items())
+        # It may have come already: this client reads on a thread of its own.
+        self.client.message(
+            "uav/safety/state", lambda shown: wanted.items() <= shown.items(), past=True
+        )
 
     def order(self, order: Order) -> Outcome:
         name, request = _CALLS[order][:2] if isinstance(order, str) else ("goto", _goal(order))

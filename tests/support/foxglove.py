@@ -99,9 +99,11 @@ class FoxgloveClient:
         topic: str,
         condition: Callable[[Any], bool] = lambda _: True,
         timeout: float = DEADLINE,
+        *,
+        past: bool = False,
     ) -> Any:
-        """Return the next message of a topic, as plain data, that fulfils a condition."""
-        seen = len(self.messages)
+        """Return the next message of a topic, or of the `past` too, as plain data, that fulfils a condition."""
+        seen = 0 if past else len(self.messages)
 
         def found() -> list[Any]:
             nonlocal seen

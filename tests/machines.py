@@ -143,7 +143,9 @@ def installation(suite: str, root: Path, wheel: Path, uv: str) -> Result:
         pip = "PIP_CACHE_DIR=/root/quadctl/.cache/pip PIP_ROOT_USER_ACTION=ignore"
         ok = enter(root, f"{pip} python3 deploy/installed.py dist/{wheel.name} {uv}", out)
     said = log.read_text("utf-8", errors="replace").strip()
-    return Result(ok, f"{suite} ({python_of(root)}): {wheel.name} {'ok' if ok else 'failed'}\n{said}")
+    return Result(
+        ok, f"{suite} ({python_of(root)}): {wheel.name} {'ok' if ok else 'failed'}\n{said}"
+    )
 
 
 def clone(root: Path) -> Path:

@@ -51,7 +51,10 @@ def main() -> int:
     parser.add_argument("--tagged", action="store_true", help="this commit has the tag already")
     parser.add_argument("--machines", nargs="*", default=[], help="bare Debians to install it on")
     asked = parser.parse_args()
-    texts = tracked()
+    try:
+        texts = tracked()
+    except (OSError, subprocess.CalledProcessError) as error:
+        return refused([f"{ROOT} is no checkout of git, or git is missing: {error}"])
     version = versions(texts)["pyproject.toml"]
     reasons = [*differing(texts), *unfit(f"v{version}", tagged=asked.tagged)]
     open_questions = list(undecided(texts))

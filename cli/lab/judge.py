@@ -467,7 +467,10 @@ def _flown(
     client: Client, node: "_StudentNode", params: Params, made: MissionFile, row: RubricRow
 ) -> FlownMission:
     others = ["pressure"] if row.about == "pressure" else []
-    # A node that is ready has announced all that it serves: nothing is waited for.
+    # A node that is there has announced all that it serves; the record may know of it a moment before.
+    until = time.monotonic() + _NOTICED_AT_LAST
+    while row.about not in client.nodes() and not node.crash() and time.monotonic() < until:
+        time.sleep(_LOOK)
     served = {endpoint.name for endpoint in client.endpoints("@srv")}
     for step in made.rows:
         named = isinstance(step, CallStep) and step.type_name

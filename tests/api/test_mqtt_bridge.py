@@ -84,6 +84,11 @@ class Client:
 
         return eventually(found)
 
+    def is_answered(self, topic: str, payload: str) -> bool:
+        """Publish a request, and return whether a reply has come to it or to an earlier one."""
+        self.publish(topic, "-m", payload)
+        return f"quadctl/uav/{topic}/reply " in self._read.log
+
     def ask(self, topic: str, payload: str) -> Any:
         """Publish a request, and return the reply."""
         since = len(self._read.log.splitlines())
@@ -110,7 +115,8 @@ def joined(lab: Lab, port: int) -> Iterator[Client]:
     everything = (tool("mosquitto_sub"), "-p", str(port), "-v", "-t", "quadctl/uav/#")
     with broker(lab, port), running(lab, *everything) as read:
         client = Client(lab, port, read)
-        client.wait("pose")
+        # The bridge may publish a moment before it subscribes: what it has not heard yet is lost.
+        eventually(lambda: client.is_answered("param/get", "safety.takeoff"))
         yield client
 
 

@@ -2,7 +2,8 @@
 
 import os
 import secrets
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -85,6 +86,9 @@ def check(
     points = rubric(tables, str(file)).points
     rows = drawn(visible(tables), 0)
     if not folder.is_dir():
+        if folder.exists():
+            hint = "unpack it, and name its folder; `quadctl lab grade` takes archives"
+            raise Invalid(f"{folder} is no folder", hint)
         raise Invalid(f"there is no folder {folder}", _NEEDS)
     nodes_in(folder)
     target = report_folder or folder / "report"
@@ -101,16 +105,17 @@ def check(
             output.line(f"{'ok  ' if result.ok else 'FAIL'}  {result.number}  {result.name}")
 
     name = encodable(folder.absolute().name)
-    (graded,) = grading.grade(
-        [HandIn(name, folder)],
-        rows,
-        machine.Limits(),
-        jobs=1,
-        machine=means,
-        on_done=lambda _grade: None,
-        on_row=on_row,
-        keep=lambda _handin, evidence: report.keep(evidence, target, output.note),
-    )
+    with _noting(lambda: "stopped: the other rows are not flown, and there is no report"):
+        (graded,) = grading.grade(
+            [HandIn(name, folder)],
+            rows,
+            machine.Limits(),
+            jobs=1,
+            machine=means,
+            on_done=lambda _grade: None,
+            on_row=on_row,
+            keep=lambda _handin, evidence: report.keep(evidence, target, output.note),
+        )
     unseen = _unseen(points - graded.max_score)
     page = report.write_page(target, name, graded, unseen, output.note)
     if options.json:
@@ -194,7 +199,6 @@ def grade(
         made.enter(handins, anew=bool(row))
     if rows != chosen:
         output.note(f"drawn from --seed {record.seed}")
-    _compile_vehicle()
     done = 0
 
     def on_done(graded: formats.Grade) -> None:
@@ -205,15 +209,18 @@ def grade(
         if made:
             made.add(graded)
 
-    grades = grading.grade(
-        handins,
-        rows,
-        machine.Limits(seconds=seconds, wall=wall, memory=memory),
-        jobs=jobs or os.cpu_count() or 1,
-        machine=means,
-        on_done=on_done,
-        keep=made.keep if made else None,
-    )
+    kept = "the same command grades all anew" if made else "nothing is written"
+    with _noting(lambda: f"stopped: {done} of {len(handins)} are graded; {kept}"):
+        _compile_vehicle()
+        grades = grading.grade(
+            handins,
+            rows,
+            machine.Limits(seconds=seconds, wall=wall, memory=memory),
+            jobs=jobs or os.cpu_count() or 1,
+            machine=means,
+            on_done=on_done,
+            keep=made.keep if made else None,
+        )
     if faults := sum(bool(graded.problem) for graded in grades):
         output.note(f"{faults} of {len(grades)} not gradable, see above")
     if made:
@@ -224,6 +231,16 @@ def grade(
         output.write(text)
         return
     write_whole(output_file, text.encode())
+
+
+@contextmanager
+def _noting(text: Callable[[], str]) -> Iterator[None]:
+    """Print a note if Ctrl-C ends the block."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        output.note(text())
+        raise
 
 
 def _handins(submissions: list[str], form: str) -> "list[HandIn]":

@@ -3,9 +3,11 @@
 import csv
 import re
 import shutil
+import signal
 import sys
 import tempfile
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -28,7 +30,7 @@ from tests.support.handins import (
 from tests.support.lab import Lab
 from tests.support.missions import busy
 from tests.support.proofs import Proofs
-from tests.support.running import eventually
+from tests.support.running import Foreground, eventually
 
 HIDDEN = "5.1"
 LAZY = {"3.1", "3.2", "3.3", "3.4", "3.5"}
@@ -64,6 +66,25 @@ def test_a_new_folder_is_checked_from_no_point_to_all(lab: Lab):
     assert "mine: 33 of 33 points" in page
     assert "data:image/png;base64," in page
     assert lab.quadctl("bag", "check", "out/flight.mcap").code == 0
+
+
+def shows(process: Foreground, text: str) -> bool:
+    return text in process.log
+
+
+@pytest.mark.thorough
+def test_ctrl_c_ends_a_check_and_a_grade_with_what_is_left(lab: Lab):
+    write("completed", lab.folder)
+    left = {
+        "check": ("ok  ", "stopped: the other rows are not flown, and there is no report\n"),
+        "grade": ("drawn from", "stopped: 0 of 1 are graded; nothing is written\n"),
+    }
+    for verb, (begun, text) in left.items():
+        done = lab.spawn(*lab.command("lab", verb, "completed"))
+        eventually(partial(shows, done, begun))
+        done.send(signal.SIGINT)
+        assert done.wait() == 130, done.log
+        assert done.log.endswith(text), done.log
 
 
 @pytest.mark.thorough

@@ -66,6 +66,7 @@ MISTAKES = {
         "pressure", "sum(self.last) / len(self.last)", "100 * sum(self.last) / len(self.last)",
         _costs("3.1", "3.2", "3.3", "3.4", "3.5"),
     ),
+    "mean_of_two_seconds": Mistake("pressure", "maxlen=10", "maxlen=20", _costs("3.1")),
     "drops_requests_in_flight": Mistake(
         "safety", '"busy: flying to another goal"', '""', _costs("2.11")
     ),

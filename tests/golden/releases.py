@@ -5,6 +5,7 @@ it again.
 """
 
 import json
+import re
 from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
@@ -23,7 +24,7 @@ def promised(name: str, content: Any) -> Any:
         case "parameters":
             found = {each["name"]: each for each in content["parameters"]}
             return {
-                leaf: {part: each[part] for part in ("type", "unit", "bounds")}
+                leaf: {"type": each["type"], "unit": each["unit"], "bounds": _choices(each["bounds"])}
                 for leaf, each in found.items()
             }
         case "names":
@@ -31,6 +32,12 @@ def promised(name: str, content: Any) -> Any:
         case "shapes":
             return {part: content[part] for part in ("offline", "looking", "acting")}
     return content
+
+
+def _choices(bounds: Any) -> Any:
+    """Return the choices of a text as a list, which may become longer; other bounds as they are."""
+    is_choice = isinstance(bounds, str) and re.fullmatch(r"[\w-]+(\|[\w-]+)+", bounds)
+    return bounds.split("|") if is_choice else bounds
 
 
 def compact(content: Any) -> str:

@@ -100,6 +100,16 @@ def test_a_type_follows_another_if_it_has_gained_fields_with_defaults(
     assert (faults == []) is follows, faults
 
 
+def test_a_parameter_may_gain_a_choice_and_lose_none():
+    kind = {"name": "kind", "type": "string", "unit": "", "bounds": "off|stuck"}
+    then, longer, other = (
+        releases.promised("parameters", {"parameters": [kind | {"bounds": bounds}]})
+        for bounds in ("off|stuck", "off|stuck|wave", "off|wave")
+    )
+    assert not [*releases.lost(then, longer)]
+    assert [*releases.lost(then, other)] == ["/kind/bounds: 'stuck' is missing"]
+
+
 def test_what_is_lost_is_named_and_what_is_new_is_not():
     kept = {"a": [{"x": "number"}, "one"], "b": {"c": 1}}
     assert not [

@@ -50,7 +50,7 @@ def test_a_signal_ends_a_foreground_run_and_all_its_processes(lab: Lab, number: 
     assert all(map(alive, pids))
     eventually(lambda: sleep_durations(lab) == {"96", "97", "98", "99"})
     run.send(number)
-    assert run.wait() == code
+    assert run.wait() == code, run.log
     assert not any(map(alive, pids))
     assert lab.is_gone()
     assert "Traceback" not in run.log

@@ -24,7 +24,11 @@ def promised(name: str, content: Any) -> Any:
         case "parameters":
             found = {each["name"]: each for each in content["parameters"]}
             return {
-                leaf: {"type": each["type"], "unit": each["unit"], "bounds": _choices(each["bounds"])}
+                leaf: {
+                    "type": each["type"],
+                    "unit": each["unit"],
+                    "bounds": _choices(each["bounds"]),
+                }
                 for leaf, each in found.items()
             }
         case "names":

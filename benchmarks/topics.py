@@ -14,7 +14,7 @@ from quadctl.services.runtime.bus import codec
 
 _POSE_BYTES = len(codec.encode(pose(1000)))
 _FLOOD_SECONDS = 2.0
-_STEADY = 0.5
+_STEADY = 0.2
 """Share of the hand-written subscriber's throughput that is sent to both without a loss."""
 _FAN = 8
 _CONNECTED_WITHIN = 10.0

@@ -9,15 +9,13 @@ decode poses, as a person writes it by hand. The route (clients of a hub on a Un
 import struct
 import sys
 import time
+from collections.abc import Callable
 from queue import SimpleQueue
 
-import msgspec
 import zenoh
 
-from benchmarks.ours.node import pose
 from benchmarks.raw.session import opened
 from benchmarks.worker import Arrivals, flood, paced, serve, timed
-from quadctl.schemas.messages import Pose
 
 SERVICE, TOPIC, ANSWER = "raw/@srv/toggle_cage", "raw/pose", "raw/setpoint"
 _STAMP = struct.Struct("<d")
@@ -59,31 +57,44 @@ def main(endpoint: str, role: str, size: str) -> None:
             trip=lambda count: timed(trip, count),
             heard=lambda: str(answered.key_expr),
         )
-    by_hand = role.endswith("_pose")
+    made, stamp_of = _typed() if role.endswith("_pose") else _untyped(filling)
     if role.startswith("publish"):
-        publisher, rest = session.declare_publisher(TOPIC), filling[_STAMP.size :]
+        publisher = session.declare_publisher(TOPIC)
 
-        def put(_number: int) -> None:
-            publisher.put(_STAMP.pack(time.monotonic()) + rest)
+        def put(number: int) -> None:
+            publisher.put(made(number))
 
-        def put_pose(number: int) -> None:
-            publisher.put(msgspec.msgpack.encode(pose(number)))
-
-        send = put_pose if by_hand else put
         serve(
-            publish=lambda count, hz: paced(send, count, hz),
-            flood=lambda seconds: flood(send, seconds),
+            publish=lambda count, hz: paced(put, count, hz),
+            flood=lambda seconds: flood(put, seconds),
         )
-    arrivals, decoder = Arrivals(), msgspec.msgpack.Decoder(Pose)
+    arrivals = Arrivals()
 
     def heard(sample: zenoh.Sample) -> None:
-        arrivals.add(_STAMP.unpack_from(sample.payload.to_bytes())[0])
+        arrivals.add(stamp_of(sample.payload.to_bytes()))
 
-    def heard_pose(sample: zenoh.Sample) -> None:
-        arrivals.add(decoder.decode(sample.payload.to_bytes()).stamp)
-
-    subscriber = session.declare_subscriber(TOPIC, heard_pose if by_hand else heard)
+    subscriber = session.declare_subscriber(TOPIC, heard)
     serve(take=arrivals.take, rate=arrivals.rate, heard=lambda: str(subscriber.key_expr))
+
+
+_Form = tuple[Callable[[int], bytes], Callable[[bytes], float]]
+"""Makes a message with the time, by its number; returns the time in a message."""
+
+
+def _untyped(filling: bytes) -> _Form:
+    rest = filling[_STAMP.size :]
+    return lambda _: _STAMP.pack(time.monotonic()) + rest, lambda data: _STAMP.unpack_from(data)[0]
+
+
+def _typed() -> _Form:
+    # Imported here: the other ends have nothing of ours in memory.
+    import msgspec
+
+    from benchmarks.ours.node import pose
+    from quadctl.schemas.messages import Pose
+
+    decode = msgspec.msgpack.Decoder(Pose).decode
+    return lambda number: msgspec.msgpack.encode(pose(number)), lambda data: decode(data).stamp
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ class Published(NamedTuple):
     """Message that the node has published, and the name of its topic."""
 
     topic: str
-    message: Struct
+    message: Any
 
 
 def play(

@@ -16,7 +16,7 @@ from typing import Any
 from docs import draw
 from quadctl.schemas.digests import DIGESTS
 from quadctl.services.runtime.params.catalogue import render
-from tests.golden import contract, data, digests, shapes
+from tests.golden import contract, data, digests, releases, shapes
 from tests.golden.differences import differences
 from tests.support.lab import private_lab
 
@@ -26,35 +26,53 @@ _MOST = 40
 
 
 def main() -> None:
-    """Show what changes, and with --write write it; exit 1 if something is left to write."""
+    """Show what changes, and with --write write it; exit 1 if the contract of a release is broken."""
     parser = argparse.ArgumentParser(description="Take over what follows from the declarations.")
     parser.add_argument("--write", action="store_true")
     write, changed = parser.parse_args().write, 0
-    for name, lines, accept in _changes():
+    old, new = dict(DIGESTS), digests.computed()
+    # All that follows has the new digests.
+    DIGESTS.clear()
+    DIGESTS.update(new)
+    gathers = {**contract.DOCUMENTS, "shapes": _shapes}
+    found = {name: data.plain(gather()) for name, gather in gathers.items()}
+    for name, lines, accept in _changes(old, found):
         changed += 1
-        print(name)
-        print(*(f"    {line}" for line in lines[:_MOST]), sep="\n")
-        if len(lines) > _MOST:
-            print(f"    .. and {len(lines) - _MOST} more")
+        _show(name, lines)
         if write:
             accept()
     remark = "written" if write else "not written: `make accept WRITE=1` does it"
     print(f"{changed} files change, {remark}" if changed else "nothing changes")
-    raise SystemExit(changed > 0 and not write)
+    if broken := [*_broken(found)]:
+        _show("this breaks a release's contract (docs/reference/stability.md):", broken)
+        raise SystemExit(1)
 
 
-def _changes() -> Iterator[tuple[str, list[str], Callable[[], None]]]:
+def _show(head: str, lines: list[str]) -> None:
+    print(head)
+    print(*(f"    {line}" for line in lines[:_MOST]), sep="\n")
+    if len(lines) > _MOST:
+        print(f"    .. and {len(lines) - _MOST} more")
+
+
+def _broken(found: dict[str, Any]) -> Iterator[str]:
+    """Yield what a release promised and today's declarations break."""
+    for version in releases.releases():
+        lines = digests.all_broken(releases.document(version, "messages"), digests.forms())
+        for name in set(releases.DOCUMENTS) - {"messages"}:
+            lines += releases.missing(version, name, found[name])
+        yield from (f"{version}: {line}" for line in lines)
+
+
+def _changes(
+    old: dict[str, str], found: dict[str, Any]
+) -> Iterator[tuple[str, list[str], Callable[[], None]]]:
     """Yield each file that changes, with its differences and a function that writes it."""
-    computed = digests.computed()
-    if told := differences(dict(sorted(DIGESTS.items())), dict(sorted(computed.items()))):
+    if told := differences(dict(sorted(old.items())), dict(sorted(DIGESTS.items()))):
         yield "schemas/digests.py", told, digests.write
-    # All that follows has the new digests.
-    DIGESTS.clear()
-    DIGESTS.update(computed)
-    for name, gather in {**contract.DOCUMENTS, "shapes": _shapes}.items():
-        found = data.plain(gather())
-        if told := differences(data.read(name), found):
-            yield f"tests/golden/data/{name}.json", told, partial(data.write, name, found)
+    for name, content in found.items():
+        if told := differences(data.read(name), content):
+            yield f"tests/golden/data/{name}.json", told, partial(data.write, name, content)
     texts = {ROOT / "quad.toml": render()}
     texts |= {page: draw.drawn(page) for page in draw.PAGES}
     texts |= {picture: text() for picture, text in draw.PICTURES.items()}

@@ -45,6 +45,12 @@ def broken(type_: type[Struct], kept: dict[str, Any], now: dict[str, Any]) -> li
     return found
 
 
+def all_broken(kept: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """Return why a type that is sent does not follow its kept version, of all such types."""
+    types = (type_ for type_ in sent() if type_.__name__ in kept)
+    return sorted({fault for type_ in types for fault in broken(type_, kept, now)})
+
+
 def write() -> None:
     """Write the table again, between its brackets."""
     rows = "".join(f'    "{place}": "{found}",\n' for place, found in sorted(computed().items()))

@@ -80,6 +80,11 @@ def lost(kept: Any, now: Any, path: str = "") -> Iterator[str]:
         yield f"{path}: was {kept!r}, now it is {now!r}"
 
 
+def missing(version: str, name: str, now: Any) -> list[str]:
+    """Return what a release promised in a document and today's content of it does not have."""
+    return [*lost(document(version, name), promised(name, now))]
+
+
 def broken(name: str, kept: dict[str, Any], now: dict[str, Any], *, sent_alone: bool) -> list[str]:
     """Return why a type on the wire does not follow its kept version; nothing if it does.
 

@@ -11,7 +11,7 @@ import zenoh
 from quadctl.schemas import keyexpr
 from quadctl.schemas.topics import POSE_SLOW, TOPICS, get_params
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.session import Address, address_of, open_client
+from quadctl.services.runtime.bus.session import Address, address_of, close, open_client
 from quadctl.services.runtime.errors import Unreachable
 from quadctl.services.runtime.realm import Realm
 
@@ -57,7 +57,7 @@ class RateProbe:
         """Close the session."""
         self._closed.set()
         if self._session is not None:
-            self._session.close()
+            close(self._session)
 
     def _counted(self, passed: float) -> dict[str, float]:
         rates: dict[str, float] = {}
@@ -129,7 +129,7 @@ class LivenessProbe:
     def close(self) -> None:
         """Close the session."""
         if self._session is not None:
-            self._session.close()
+            close(self._session)
 
     def _connect(self) -> None:
         while self._session is None:

@@ -1,4 +1,4 @@
-"""Links on the pages: each leads to an existing file of its name."""
+"""Links and tables on the pages: a link leads to an existing file of its name, a row belongs to a table."""
 
 import re
 from pathlib import Path
@@ -12,6 +12,8 @@ PAGES = [
     for page in sorted(ROOT.glob(pattern))
 ]
 LINK = re.compile(r"\[([^\]]*)\]\(([^)\s]+)\)")
+TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
+CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 TITLE = re.compile(r"^#+ (.*)$", re.MULTILINE)
 
 
@@ -35,6 +37,12 @@ def test_every_link_leads_to_a_file_of_its_name(page: Path):
         assert not anchor or anchor in anchors(file), target
         if text.endswith(".py"):
             assert target.endswith(text), f"{text} names another file than {target}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_no_row_of_a_table_stands_apart(page: Path):
+    for table in TABLE.findall(CODE.sub("", page.read_text(encoding="utf-8"))):
+        assert re.match(r"\|.*\n\|[-:| ]+\|\n", table), f"no table begins with {table}"
 
 
 def test_the_readme_is_short_and_links_to_every_page():

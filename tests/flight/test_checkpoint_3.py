@@ -41,15 +41,21 @@ def test_calibrating_zeroes_the_topic_and_unset_restores_it(shared_lab: Lab, hov
         drift = max(abs(p["position"]["z"] - rest) for p in heights.messages[-300:])
         assert abs(reading["pressure"]) <= 3 * NOISE + PER_METRE * drift
 
+    def climbed(stamp: float) -> float:
+        """Return the height (m) at the time of a reading, above the one where it was zeroed."""
+        return heights.until(lambda pose: pose["stamp"] >= stamp)["position"]["z"] - rest
+
     hover.fly(0.0, 0.0, 2.0)
-    above = readings.next(3)[-1]["pressure"]
-    climbed = heights.next()[0]["position"]["z"] - rest
-    assert above == pytest.approx(-PER_METRE * climbed, abs=0.005)
+    arrived = heights.next()[0]["stamp"]
+    above = readings.until(lambda reading: reading["stamp"] >= arrived)
+    fallen = -PER_METRE * climbed(above["stamp"])
+    assert above["pressure"] == pytest.approx(fallen, abs=0.005)
 
     unset = shared_lab.quadctl("calibrate", "--unset", "--json")
     assert unset.json["baseline"] == 0
     after = readings.until(lambda r: r["baseline"] == 0)
-    assert after["pressure"] == pytest.approx(baseline - PER_METRE * climbed, abs=0.005)
+    fallen = -PER_METRE * climbed(after["stamp"])
+    assert after["pressure"] == pytest.approx(baseline + fallen, abs=0.005)
     assert (after["samples"], after["spread"]) == (0, 0)
 
 

@@ -12,13 +12,14 @@ from quadctl.schemas.keyexpr import EndpointInfo
 from quadctl.schemas.messages import Pressure
 from quadctl.schemas.params import in_lockstep
 from quadctl.schemas.topics import (
+    INFO,
     MESSAGES,
     POSE,
+    POSE_SLOW,
     PRESSURE,
     SERVICES,
+    SETPOINT,
     STATE,
-    TOPICS,
-    ZONES,
     Service,
     Topic,
     get_params,
@@ -77,6 +78,10 @@ _TYPES = MESSAGES | {service.type_name: service.request for service in _SERVED}
 _HASHES = {name: codec.digest(type_) for name, type_ in _TYPES.items()}
 
 
+_NEEDED = (POSE, POSE_SLOW, PRESSURE, STATE, SETPOINT, INFO)
+"""Topics without which another process or a command misses something, whatever stands in for a node."""
+
+
 def announced(found: Survey, run: RunState | None) -> Finding:
     """Check that every node recorded as ready has announced itself and its endpoints."""
     due = [node.name for node in run.nodes if node.state == "ready"] if run else []
@@ -87,12 +92,11 @@ def announced(found: Survey, run: RunState | None) -> Finding:
     if not found.nodes:
         return failed("announced", "no node is on the bus", "`quadctl up -d`")
     offered = {offer.name for offer in found.offers if offer.kind != "@sub"}
-    declared: tuple[Any, ...] = (*SERVICES, *TOPICS)
+    needed: tuple[Any, ...] = (*SERVICES, *_NEEDED)
     lacking = [
         not_offered(entry.node, entry.name)
-        for entry in declared
-        # A safety of one's own needs no zones.
-        if entry.node in found.nodes and entry.name not in {*offered, ZONES.name}
+        for entry in needed
+        if entry.node in found.nodes and entry.name not in offered
     ]
     if lacking:
         return warned("announced", ", ".join(lacking), NOT_OFFERED_FIX)

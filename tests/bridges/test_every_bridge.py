@@ -159,10 +159,10 @@ def test_a_flood_of_goals_delays_no_stop_and_the_newest_is_flown(side: Side, veh
 def test_while_safety_is_silent_poses_come_and_orders_fail_with_the_reason(
     side: Side, bridged_lab: Lab
 ):
-    with bridged_lab.frozen("safety"):
+    with bridged_lab.frozen("safety") as pid:
         side.pose()
         failed = side.order("hold")
-        assert not failed.done
+        assert not failed.done, (pid, bridged_lab.nodes(), bridged_lab.log("up"))
         assert "uav/@srv/hold" in failed.reason
         side.pose()
     eventually(lambda: side.order("hold").done)

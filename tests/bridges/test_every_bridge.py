@@ -77,7 +77,7 @@ def test_orders_are_carried_out_as_they_were_sent(side: Side, vehicle: Bare):
     orders: list[Order] = []
     for number in range(1, 6):
         orders += [(number / 10, 0.0, 1.0), "hold", "cage off", (0.0, number / 10, 1.0), "cage on"]
-    executed = vehicle.watch("uav/@call/*")
+    executed = vehicle.watch_calls("*")
     for order in [*orders, "hold"]:
         side.send(order)
     side.order((0.0, 0.0, 1.5))
@@ -109,7 +109,7 @@ def test_a_parameter_is_read_and_set_or_refused_with_the_reason(side: Side, brid
 
 @mainly("ros2", "foxglove", "mavlink")
 def test_garbage_by_the_thousand_changes_nothing(side: Side, vehicle: Bare):
-    executed, noise = vehicle.watch("uav/@call/*"), random.Random(7)
+    executed, noise = vehicle.watch_calls("*"), random.Random(7)
     for _ in range(2000):
         side.send_garbage(noise)
     eventually(lambda: side.order("hold").done)
@@ -221,7 +221,7 @@ def nodes(lab: Lab) -> list[dict[str, Any]]:
 # ROS has no rights of its own: whoever reaches its router may act.
 @mainly("foxglove", "mavlink")
 def test_a_client_without_the_token_or_key_may_only_watch(bridge: Side, vehicle: Bare):
-    executed = vehicle.watch("uav/@call/*")
+    executed = vehicle.watch_calls("*")
     with bridge.guarded():
         with bridge.connect(may_act=False):
             for order in ((1.0, 0.0, 1.0), "cage off", "calibrate"):

@@ -64,7 +64,7 @@ def test_each_command_over_a_slow_link_is_executed_once(far_operator: tuple[Lab,
     lab, link = far_operator
     over = ("--connect", link.endpoint, "--timeout", 20)
     with lab.bare() as here:
-        gotos, before = here.watch("uav/@call/goto"), here.state()["request"]
+        gotos, before = here.watch_calls("goto"), here.state()["request"]
         for number in range(2):
             goal = numbered_goal(number).values()
             done = lab.quadctl("goto", *goal, "--no-wait", "--replace", "--vehicle", "uav", *over)
@@ -91,7 +91,7 @@ def test_answers_over_a_lossy_link_match_the_executed_calls(far_operator: tuple[
     lab, _ = far_operator
     lossy = Proxy(lab.home / "hub.sock", DELAY / 4, lost=0.2)
     with lossy, lab.bare() as here, Bare(lossy.endpoint) as far:
-        gotos = here.watch("uav/@call/goto")
+        gotos = here.watch_calls("goto")
         replies = []
         for number in range(100, 140):
             # Even numbers have time to arrive; odd ones may miss their deadline.
@@ -163,7 +163,7 @@ def test_the_system_recovers_from_repeated_cuts_of_five_seconds(proofs: Proofs):
 def cut_off_the_operator(lab: Lab, link: Proxy, seconds: float) -> int:
     """Call goto before, in and after a cut, one call twice; return the number executed."""
     with lab.bare() as here, Bare(link.endpoint) as far:
-        gotos, before = here.watch("uav/@call/goto"), here.state()["request"]
+        gotos, before = here.watch_calls("goto"), here.state()["request"]
         poses = far.watch("uav/pose")
         # The first is executed but its answer is lost; more calls are sent during the cut.
         first, began = ticket(60), time.monotonic()
@@ -204,7 +204,7 @@ def repeat_goto(bare: Bare, attachment: bytes) -> Any:
 def cut_off_safety(lab: Lab, link: Proxy, seconds: float, number: int) -> tuple[float, float]:
     """Cut off safety in flight; return the seconds until the hover, and until safety is back."""
     with lab.bare() as here:
-        poses, gotos = here.watch("uav/pose"), here.watch("uav/@call/goto")
+        poses, gotos = here.watch("uav/pose"), here.watch_calls("goto")
         side = 30.0 if number % 2 else -30.0
         goal = {"x": side, "y": number / 100, "z": 1.0}
         goto_accepted(here, goal)

@@ -186,7 +186,7 @@ def test_zenohs_access_control_stops_a_client_without_quadctl(
     net: Field, who: str, heard: set[str], replied: set[str]
 ):
     with net.vehicle.bare() as bare:
-        calls = bare.watch("uav/@call/**")
+        calls = bare.watch_calls("**")
         setpoints = bare.watch("uav/input/position")
         before = touched(net.vehicle)
         got = net.intrude(who)

@@ -133,6 +133,15 @@ class Bare:
         self._declared.append(self.session.declare_subscriber(key, watch.on_sample))
         return watch
 
+    def watch_calls(self, name: str) -> Watch:
+        """Subscribe to executed calls of safety's services, e.g. `goto`, and see that safety knows it.
+
+        A publisher drops what nobody subscribes to, and the subscription needs a moment to get there.
+        """
+        watch = self.watch(f"uav/@call/{name}")
+        self.state()  # goes the same way, after it
+        return watch
+
     def put(self, key: str, value: Any) -> None:
         """Publish a map without a type in its encoding."""
         self.session.put(key, pack(value))

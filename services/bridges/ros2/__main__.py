@@ -243,7 +243,7 @@ def _answer(
         return
     try:
         fields = handler(messages.decode(service.request, query.payload))
-    except Malformed as problem:
+    except (Malformed, QuadctlError) as problem:
         query.refuse(str(problem))
         return
     except Exception as fault:

@@ -11,6 +11,7 @@ from quadctl.schemas.services import Call
 from quadctl.schemas.topics import Service
 from quadctl.services.runtime.bus import codec
 from quadctl.services.runtime.bus.codec import to_jsonable
+from quadctl.services.runtime.bus.session import unless_closed
 from quadctl.services.runtime.bus.zenoh_events import ONE_SERVER, MatchingListener
 from quadctl.services.runtime.errors import Invalid, QuadctlError, TimedOut, Unreachable
 
@@ -45,7 +46,8 @@ class RawServiceClient:
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self._session, self._key = session, key
-        self._querier = session.declare_querier(self._key, **ONE_SERVER)
+        with unless_closed(session):
+            self._querier = session.declare_querier(self._key, **ONE_SERVER)
         self._server = MatchingListener(self._querier)
 
     def call(
@@ -58,6 +60,12 @@ class RawServiceClient:
         late. `again` repeats a request that may get lost between routers that have just met; only
         for a server that checks the id.
         """
+        with unless_closed(self._session):
+            return self._call(payload, encoding, timeout, boot, again=again)
+
+    def _call(
+        self, payload: bytes, encoding: str, timeout: float, boot: str, *, again: bool
+    ) -> tuple[bytes, str]:
         deadline = time.monotonic() + timeout
         self.wait_for_server(timeout)
         changes = self._server.changes if again else 0

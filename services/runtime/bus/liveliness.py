@@ -6,6 +6,7 @@ from typing import NamedTuple
 import zenoh
 
 from quadctl.schemas import keyexpr
+from quadctl.services.runtime.bus.session import unless_closed
 from quadctl.services.runtime.errors import TimedOut
 
 _TIMEOUT = 1.0
@@ -80,12 +81,12 @@ def present(session: zenoh.Session, vehicles: Iterable[str]) -> Present:
 
 def _keys(session: zenoh.Session, pattern: str, timeout: float) -> list[str]:
     found = []
-    for reply in session.liveliness().get(pattern, timeout=timeout):
-        if reply.ok is None:
-            raise TimedOut(
-                "the hub does not answer", "its process is frozen or busy: `quadctl status`"
-            )
-        found.append(str(reply.ok.key_expr))
+    with unless_closed(session):
+        for reply in session.liveliness().get(pattern, timeout=timeout):
+            if reply.ok is None:
+                hint = "its process is frozen or busy: `quadctl status`"
+                raise TimedOut("the hub does not answer", hint)
+            found.append(str(reply.ok.key_expr))
     return found
 
 

@@ -246,6 +246,17 @@ def closing(session: zenoh.Session) -> Iterator[zenoh.Session]:
         close(session)
 
 
+@contextlib.contextmanager
+def unless_closed(session: zenoh.Session) -> Iterator[None]:
+    """Raise Unreachable in place of Zenoh's error about a session that another thread has closed."""
+    try:
+        yield
+    except zenoh.ZError as error:
+        if session.is_closed():
+            raise Unreachable("the connection is closed", "its process is ending") from error
+        raise
+
+
 def close(session: zenoh.Session) -> None:
     """Close a session; the binding refuses to while another thread is in a call of it."""
     until = time.monotonic() + _CALLS

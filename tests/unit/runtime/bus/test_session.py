@@ -1,10 +1,15 @@
 """Closing of a session that other threads use."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
+import zenoh
 
+from quadctl.services.runtime.bus.calls import RawServiceClient
+from quadctl.services.runtime.bus.liveliness import offers
 from quadctl.services.runtime.bus.session import closing
+from quadctl.services.runtime.errors import Unreachable
 
 
 class Busy:
@@ -32,3 +37,23 @@ def test_one_that_is_never_free_is_reported(monkeypatch: pytest.MonkeyPatch):
     session: Any = Busy(calls=10**9)
     with pytest.raises(RuntimeError, match="Already borrowed"), closing(session):
         pass
+
+
+ALONE = '{mode: "peer", scouting: {multicast: {enabled: false}}, listen: {endpoints: []}}'
+USES: dict[str, Callable[[zenoh.Session], object]] = {
+    "a call": lambda session: RawServiceClient(session, "uav/@srv/hold").call(b"", "", 1.0),
+    "a question": lambda session: offers(session, "uav", "@srv"),
+}
+
+
+@pytest.mark.parametrize("use", USES)
+def test_one_that_another_thread_has_closed_is_unreachable(use: str):
+    session = zenoh.open(zenoh.Config.from_json5(ALONE))
+    session.close()
+    with pytest.raises(Unreachable, match="the connection is closed"):
+        USES[use](session)
+
+
+def test_an_error_of_an_open_one_stays_as_it_is():
+    with zenoh.open(zenoh.Config.from_json5(ALONE)) as session, pytest.raises(zenoh.ZError):
+        RawServiceClient(session, "uav//hold")

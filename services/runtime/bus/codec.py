@@ -15,6 +15,9 @@ from quadctl.schemas.typed import BUILDING, json_decoder
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError, SchemaMismatch
 from quadctl.services.runtime.nesting import is_too_deep
 
+UNREADABLE = msgspec.DecodeError, UnicodeDecodeError, RecursionError
+"""Errors of a decoder."""
+
 
 def to_jsonable(payload: bytes, encoding: str) -> Any:
     """Return MessagePack and JSON as data, text as text, anything else as hex.
@@ -26,7 +29,7 @@ def to_jsonable(payload: bytes, encoding: str) -> Any:
     for attempt in _READERS.get(encoding.partition(";")[0], _ANY):
         try:
             value = attempt(payload)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        except UNREADABLE:
             continue
         if not is_too_deep(value):
             return _carried(value)
@@ -110,7 +113,8 @@ def encoding(type_: type[Struct]) -> str:
 
 
 @cache
-def _decoder(type_: type[M]) -> msgspec.msgpack.Decoder[M]:
+def decoder(type_: type[M]) -> msgspec.msgpack.Decoder[M]:
+    """Return the decoder of a type, which raises UNREADABLE; `decode_fields` raises Invalid in their place."""
     with BUILDING:
         return msgspec.msgpack.Decoder(type_, ext_hook=_refuse_extension)
 
@@ -150,8 +154,8 @@ def _digest_in(encoding: str) -> str:
 def decode_fields(type_: type[M], payload: bytes) -> M:
     """Decode a message of a sender with this very schema; raise Invalid if it is not valid."""
     try:
-        message: M = _decoder(type_).decode(payload)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        message: M = decoder(type_).decode(payload)
+    except UNREADABLE as error:
         name = type_.__name__
         ours = type_.__module__.startswith("quadctl.schemas.")
         hint = (
@@ -164,7 +168,7 @@ def decode_fields(type_: type[M], payload: bytes) -> M:
 def _found(payload: bytes, error: Exception) -> str:
     """Return the number that an error of msgspec is about; it names the field alone."""
     path = str(error).partition(" - at `$.")[2].rstrip("`")
-    with suppress(msgspec.DecodeError, UnicodeDecodeError, RecursionError, LookupError, TypeError):
+    with suppress(*UNREADABLE, LookupError, TypeError):
         value = msgspec.msgpack.decode(payload)
         for name in path.split(".") if path else ():
             value = value[name]
@@ -206,7 +210,7 @@ def decode_error(payload: bytes) -> QuadctlError:
     """Return the exception of an error reply."""
     try:
         sent = _error_decoder().decode(payload)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except UNREADABLE as error:
         return Invalid(f"the error reply cannot be read: {error}")
     return WIRE_ERRORS[sent.code](sent.message, sent.hint)
 

@@ -244,6 +244,8 @@ def _check_combination(order: dict[str, Any]) -> None:
         order["replay"],
         order["search"],
     )
+    if order["db"] and os.path.realpath(order["db"]) == os.path.realpath(order["report"]):
+        raise UsageError("--db and --report are the same file", "give each a file of its own")
     if shared and replay:
         raise UsageError("--replay flies one flight here", "leave out --db, --report and --dask")
     if search and (shared or replay or order["conditions"]["vehicles"] > 1):

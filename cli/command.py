@@ -9,7 +9,7 @@ import sys
 # fast_imports comes first: it imports msgspec.
 from quadctl.cli import fast_imports, output, parser  # noqa: F401
 from quadctl.cli.context import options_of
-from quadctl.services.runtime.errors import QuadctlError, UsageError
+from quadctl.services.runtime.errors import Invalid, QuadctlError, UsageError
 
 _CTRL_C = 130
 _COMPLETING = "_QUADCTL_COMPLETE"
@@ -28,6 +28,8 @@ _REMEDIES = {
     errno.EAGAIN: "raise `ulimit -u`, or end other programs",
 }
 """Remedies for what a machine may refuse to any command."""
+_NAMING = {errno.ENAMETOOLONG, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ELOOP}
+"""Faults of a name, which the user gave."""
 
 
 def main() -> None:
@@ -62,9 +64,12 @@ def _explained(problem: Exception) -> QuadctlError:
     """Return the error for what the machine refused, or for a bug, with its traceback on stderr."""
     if _is_folder_gone(problem):
         return QuadctlError("the current folder was deleted", _CD)
-    if isinstance(problem, OSError) and problem.errno in _REMEDIES:
+    if isinstance(problem, OSError):
         place = f"{problem.filename}: " if problem.filename else ""
-        return QuadctlError(f"{place}{problem.strerror}", _REMEDIES[problem.errno])
+        if problem.errno in _REMEDIES:
+            return QuadctlError(f"{place}{problem.strerror}", _REMEDIES[problem.errno])
+        if place and problem.errno in _NAMING:
+            return Invalid(f"{place}{problem.strerror}", "name another file or folder")
     import traceback
 
     traceback.print_exc()

@@ -88,7 +88,8 @@ EXPECTATIONS: dict[Expectation, Expected] = {
     ),
     "zeroed": Expected(
         "after each `calibrate`, until the next, the readings are the change of the air's pressure"
-        " with the height flown since; after one with `unset` they are the air's pressure, to 1 hPa",
+        " with the height flown since; after one with `unset` they are the air's pressure, to 1 hPa,"
+        " and the reply has the baseline 0",
         {"within": "0.01 hPa"},
     ),
     "parameter_obeyed": Expected(

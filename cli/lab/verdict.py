@@ -366,21 +366,23 @@ def _is_off(found: float, expected: float, base: float) -> bool:
 
 
 def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
-    steps = [o.step for o in flown.outcomes if isinstance(o.step, Calibrate)]
+    calls = [(o.step, o.reply) for o in flown.outcomes if isinstance(o.step, Calibrate)]
     # A reading of the time of the next calibration may be from before it, or from after it.
-    ends = [step.at - 1e-6 for step in steps[1:]] + [flown.poses[-1].stamp]
+    ends = [step.at - 1e-6 for step, _ in calls[1:]] + [flown.poses[-1].stamp]
     shown, offset = 0.0, None
     if (count := len(flown.readings)) > _MOST * PRESSURE.hz * flown.poses[-1].stamp:
         why = f"sensors/pressure shows {count} readings in {flown.poses[-1].stamp:g} s"
         return RowVerdict(False, f"{why}: {PRESSURE.hz:g} a second are expected")
 
     # Models of the air differ by an offset, which the last reading without a baseline has.
-    for reading in flown.readings[: first_at(flown.readings, steps[0].at)][-1:]:
+    for reading in flown.readings[: first_at(flown.readings, calls[0][0].at)][-1:]:
         offset = reading.pressure - _air(flown, reading.stamp)
-    for step, end in zip(steps, ends, strict=True):
+    for (step, reply), end in zip(calls, ends, strict=True):
+        if step.unset and reply and reply.baseline:
+            return RowVerdict(False, f"{step}: baseline {reply.baseline:g} hPa, not 0")
         # The reading of the calibration's own period may have been on its way.
         after = [reading for reading in flown.readings if step.at + 0.1 < reading.stamp <= end]
-        if not after and step is steps[-1]:
+        if not after and step is calls[-1][0]:
             return RowVerdict(False, f"sensors/pressure shows no reading after `{step}`")
         zero = _air(flown, step.at)
         for reading in after:
@@ -389,8 +391,7 @@ def _zeroed(row: RubricRow, flown: FlownMission) -> RowVerdict:
             if step.unset:
                 offset = shown - air if offset is None else offset
                 level, base = zero + offset, _ZERO
-            wrong = step.unset and abs(offset or 0.0) > _AIR
-            if wrong or _is_off(shown - level, air - zero, base):
+            if abs((step.unset and offset) or 0) > _AIR or _is_off(shown - level, air - zero, base):
                 return RowVerdict(
                     False,
                     f"sensors/pressure shows {shown:g} hPa {reading.stamp - step.at:.1f} s after"

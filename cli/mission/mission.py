@@ -204,7 +204,8 @@ def mission(tables: dict[str, Any], source: str) -> MissionFile:
 def params_of(settings: dict[str, Any], place: str) -> Params:
     """Return the parameters of a run of its own: as fast as it goes, unless the settings differ.
 
-    Raises Invalid for an unknown parameter, a bad value, and one of the run and not of a vehicle.
+    Raises Invalid for an unknown parameter, a bad value, one of the run and not of a vehicle, and for a
+    run that would not be in lock-step.
     """
     tables: dict[str, Any] = {"dynamics": {"speed": 0.0}}
     seen: set[str] = set()
@@ -215,7 +216,12 @@ def params_of(settings: dict[str, Any], place: str) -> Params:
             raise Invalid(f"{place}: {known} is set twice", "leave one of the two")
         seen.add(known)
         put(tables, known, value, place)
-    return check(tables, place)
+    params = check(tables, place)
+    if "dynamics.lockstep" not in seen:
+        params.dynamics.lockstep = params.dynamics.speed == 1  # at any other it is anyway
+    if not params.dynamics.in_lockstep:
+        raise Invalid(f"{place}: dynamics.lockstep: a mission flies in lock-step", "leave it out")
+    return params
 
 
 def _refuse_run(name: str, place: str) -> None:

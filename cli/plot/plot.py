@@ -40,6 +40,8 @@ def plot(
 
     target = picture or (file.with_suffix(".png") if file else Path("live.png"))
     refuse_existing(target, force=force)
+    if file and file.exists() and target.exists() and target.samefile(file):
+        raise Invalid(f"{target} is the recording itself", "name another picture: -o FILE")
     flight = recorded(file) if file else _live(options, duration)
     draw(target, flight, file.name if file else f"realm {options.realm}, live")
     flown = flight.flown()

@@ -45,7 +45,7 @@ class Recorder:
         self, options: Options, file: Path, keys: list[str], duration: float | None
     ) -> None:
         command = [sys.executable, "-P", "-m", "quadctl.services.recorder", "--attended"]
-        command += ["--realm", options.realm, "--vehicle", options.vehicle, "-o", str(file)]
+        command += ["--realm", options.realm, "--vehicle", options.vehicle, f"--output={file}"]
         command += ["--connect", options.connect] if options.connect else []
         command += [word for key in keys for word in ("--key", key)]
         command += ["--duration", repr(duration)] if duration is not None else []

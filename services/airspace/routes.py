@@ -99,12 +99,12 @@ def why_barred(route: FlightPath, region: Region) -> str:
         return why
     if route.reach and not route.begun and (why := region.why_overlaps(route.reach)):
         return why
-    return why_crossed(route.straight, region)
+    return why_crossed(legs(route.straight), region)
 
 
-def why_crossed(points: Iterable[Point], region: Region) -> str:
-    """Return which zone bars the legs between points; empty for none."""
-    for a, b, is_box in legs(points):
+def why_crossed(way: Iterable[Piece], region: Region) -> str:
+    """Return which zone bars a way; empty for none."""
+    for a, b, is_box in way:
         if why := region.why_overlaps((a, b)) if is_box else region.why_crosses(a, b):
             return why
     return ""

@@ -125,6 +125,8 @@ def _command(name: str, commands: Mapping[str, str | list[str]]) -> tuple[str, .
         ) from error
     if not words:
         raise Invalid(f"processes.{name}: the command is empty", "remove the line instead")
+    if any("\0" in word for word in words):
+        raise Invalid(f"processes.{name}: the command has a NUL", "no program takes one: remove it")
     return tuple(words)
 
 

@@ -5,8 +5,9 @@ in flight bends the way: it is somewhere in the box around the vehicle, its stop
 goal, because each axis moves between these.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from enum import Enum
+from itertools import chain
 from math import dist, inf, isfinite
 
 from quadctl.services.airspace.cage import why_below, why_outside
@@ -239,11 +240,13 @@ def _why_zoned(s: Situation, w: World) -> str:
     for point in points:
         if why := w.region.why_inside(point):
             return f"the goal is now {why}"
+    rest: Iterable[Piece] = ()
     if not stays(s, w):
         if s.reach and (why := w.region.why_overlaps(s.reach)):
             return why
-        points = points if s.reach else (_abreast(s, w.place), *points)
-    return why_crossed(points, w.region)
+        # It flies straight to its goal, down to the floor, too: only from rest there a leg bends.
+        rest = () if s.reach else line(_abreast(s, w.place), s.goal)
+    return why_crossed(chain(rest, legs(points)), w.region)
 
 
 def motion(s: Situation) -> Box:

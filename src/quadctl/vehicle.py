@@ -126,15 +126,18 @@ def _bad_coordinate(axis: str, value: str) -> Invalid:
 def patience(client: Client, metres: float) -> float:
     """Return the time (s) to wait for an arrival: twice the planned time, and 5.
 
-    The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
+    The plan is an upper bound of a flight from rest to rest within the setpoint's limits, at the pace of
+    the simulation if that is slower than the clock.
     """
-    reply = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"]))
+    request = GetParamsRequest(["dynamics.control", "dynamics.speed"])
+    reply = client.call(get_params("dynamics"), request)
     values = reply.values | reply.in_force
     speed, acceleration, jerk = (
         float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
     )
     planned = metres / speed + speed / acceleration + acceleration / jerk
-    return 2 * planned + _SLACK
+    pace = float(values["dynamics.speed"]) or 1.0
+    return (2 * planned + _SLACK) / min(pace, 1.0)
 
 
 _RESTS, _AT_REST = 0.05, 0.25

@@ -344,6 +344,16 @@ def test_a_second_baseline_follows_the_height(baselines: tuple[float, float], ou
     assert verdict.ok is (not output)
 
 
+@pytest.mark.parametrize("baseline", [0.0, 1013.2])
+def test_an_undone_calibration_replies_that_there_is_no_baseline(baseline: float):
+    poses = [Pose("b", n, n / 10, Position(0, 0, 1), Velocity(0, 0, 0), Quaternion(1, 0, 0, 0),
+                  BodyRates(0, 0, 0)) for n in range(91)]  # fmt: skip
+    readings = [Pressure(pose.stamp, AIR, 0, 0, 0) for pose in poses]
+    undone = Outcome(Calibrate(3.0, unset=True), CalibrateResponse(baseline), None)
+    verdict = judge(RubricRow("r", "zeroed"), FlownMission(Params(), [undone], poses, [], readings))
+    assert verdict.ok is (not baseline)
+
+
 @pytest.mark.parametrize("follows", [True, False])
 def test_readings_without_a_baseline_follow_the_height(follows: bool):
     climbed = [Pose("b", n, n / 10, Position(0, 0, min(max(n / 10 - 4, 1), 2)), Velocity(0, 0, 0),

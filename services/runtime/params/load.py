@@ -80,6 +80,13 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
             f" vehicle can hold, {least:.2g} m",
             "a wider range",
         )
+    fastest = airworthiness.flown(dynamics.vehicle, dynamics.control, wind).max_speed
+    if fastest > params.safety.max_speed and "dynamics" not in params.processes:
+        raise Invalid(
+            f"{source}: safety.max_speed: {params.safety.max_speed:g} m/s is less than the vehicle flies"
+            f" at, {fastest:.3g} m/s: safety would stop each fast flight",
+            "a higher one, or a lower dynamics.control.max_speed",
+        )
     return params
 
 

@@ -79,6 +79,12 @@ def put(table: dict[str, Any], name: str, value: Any, source: str) -> None:
             whole = ".".join(path[:depth])
             raise Invalid(f"{source}: {whole} is a value and has no {last}", f"set {whole} itself")
         table = found
+    if isinstance(parts := table.get(last), dict) and parts:
+        whole = ".".join((*path, last))
+        raise Invalid(
+            f"{source}: {whole}: expected `object`, with {', '.join(parts)} as before, got a value",
+            "leave out one of the two, or set its parts",
+        )
     table[last] = value
 
 

@@ -76,6 +76,18 @@ def test_a_leg_that_begins_near_the_floor_bends(periods: int):
     assert flight.land().deepest == 0.0
 
 
+def test_a_refused_goal_leaves_a_landing_beside_a_zone_alone():
+    diamond = ZoneParams("diamond", polygon=((0, 0), (1.5, -1.5), (3, 0), (1.5, 1.5)))
+    flight = ZoneFlight(diamond, start=Position(-0.6, 0.5, 1.0))
+    assert flight.goto(Position(0.9, -1.0, 0.0)) == ""
+    while flight.monitor.situation.state is not State.HOVERING:
+        flight.fly(0.05)
+    while flight.place.z > 0:
+        assert flight.goto(Position(1.5, 0.0, 1.0)) == "inside the zone diamond"
+        flight.fly(0.05)
+    assert flight.monitor.situation.goal == (0.9, -1.0, 0.0)
+
+
 def test_a_direct_way_is_refused_and_changes_nothing():
     flight = ZoneFlight(TOWER)
     before = flight.monitor.setpoint()

@@ -192,6 +192,8 @@ def test_settings_are_parameters_of_a_run_as_fast_as_it_goes():
     )
     own = {"rows": [HOLD_AT_1], "set": {"dynamics.speed": 10}}
     assert mission(own, "m").params == Params(dynamics=DynamicsParams(speed=10.0))
+    own = {"rows": [HOLD_AT_1], "set": {"dynamics.speed": 1}}
+    assert mission(own, "m").params == Params(dynamics=DynamicsParams(speed=1.0, lockstep=True))
     defaults = Params(dynamics=DynamicsParams(speed=0.0))
     assert mission({"rows": [HOLD_AT_1], "set": {}}, "m").params == defaults
 
@@ -203,6 +205,11 @@ def test_settings_are_parameters_of_a_run_as_fast_as_it_goes():
         ({"safety": {"takeoff": -1}}, "safety.takeoff: expected `float` >= 0.0", ""),
         ({"safety": 1}, "safety: expected `object`, got `int`", ""),
         ({"safety.takeoff": 1, "safety": {"takeoff": 2}}, "safety.takeoff is set twice", ""),
+        (
+            {"dynamics.lockstep": False, "dynamics.speed": 1},
+            "a mission flies in lock-step",
+            "leave",
+        ),
         ({"pressure.source": "iio"}, "pressure.source iio reads a real sensor", ""),
         ({"dynamics.vehicle.mass": 90}, "dynamics: this vehicle would not fly", ""),
         ({"hub": {"listen": ["tcp/0.0.0.0:1"]}}, "hub.listen is fixed at launch", "quadctl up"),

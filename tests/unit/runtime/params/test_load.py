@@ -151,6 +151,7 @@ def test_a_missing_or_binary_file_is_refused(tmp_path: Path):
         ("safety..takeoff=3", "unknown parameter", ""),
         ("safety.cage_on=1", "expected `bool`", ""),
         ("dynamics.rate=30", "1000 / rate", ""),
+        ("safety.max_speed=4.9", "less than the vehicle flies at, 5 m/s", "a higher one"),
     ],
 )
 def test_a_bad_setting_is_refused_with_its_name(setting: str, message: str, hint: str):
@@ -322,6 +323,18 @@ def test_a_flattened_table_can_be_rebuilt(table: dict[str, object]):
 def test_a_name_below_a_value_is_invalid():
     with pytest.raises(Invalid, match=r"--set x: safety\.takeoff is a value and has no x"):
         put({"safety": {"takeoff": 1.0}}, "safety.takeoff.x", 3, "--set x")
+
+
+def test_a_value_in_the_place_of_a_table_is_invalid():
+    table = {"safety": {"takeoff": {"x": 3}}}
+    with pytest.raises(Invalid, match=r"safety\.takeoff: expected `object`, with x as before"):
+        put(table, "safety.takeoff", 1.5, "--set x")
+    assert table == {"safety": {"takeoff": {"x": 3}}}
+
+
+def test_a_vehicle_that_is_not_ours_may_be_slower_than_our_default():
+    own = ['processes.dynamics="python adapter.py"', "safety.max_speed=3"]
+    assert load(None, own).safety.max_speed == 3
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ rows = [{ at = 3.0, do = "goto", x = 9.0, y = 0.0, z = 1.0 }]
 expect = "refused"
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from random import Random
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
@@ -258,9 +258,15 @@ _HALF = 0.5
 
 
 def _number(value: Any, draw: Random) -> Any:
+    low, high = _end(value, 0), _end(value, 1)
+    return value if low is value else round(draw.uniform(low, high), 2)
+
+
+def _end(value: Any, end: int) -> Any:
+    """Return the lower or the higher end of a range; any other value as it is."""
     match value:
-        case [int() | float() as low, int() | float() as high]:
-            return round(draw.uniform(low, high), 2)
+        case [int() | float(), int() | float()]:
+            return value[end]
     return value
 
 
@@ -321,13 +327,37 @@ def _mission(row: RubricRow, place: str) -> MissionFile:
     for step in row.rows:
         if not isinstance(step.get("optional", False), bool):
             raise Invalid(f"{place}: optional = {step['optional']!r}", "it is true or false")
-    steps = _steps(row.name, row.rows, 0)
+        for name, value in step.items():
+            if _end(value, 0) is not value and value[0] > value[1]:
+                raise Invalid(f"{place}: {name} = {value}", "the lower number comes first")
+    # What is valid must not depend on what is drawn.
+    made = [
+        _flight(row, steps, place)
+        for steps in (*_extremes(row.rows), _steps(row.name, row.rows, 0))
+    ]
+    return made[-1]
+
+
+def _flight(row: RubricRow, steps: Sequence[dict[str, Any]], place: str) -> MissionFile:
     tables = {"rows": steps, "set": row.set} | ({} if row.end is None else {"end": row.end})
+    if row.rows and not steps:
+        raise Invalid(f"{place}: each of its steps is optional", "leave one without")
     made = mission(tables, place)
     _require_service(row, made, place)
     if lacks := _lacks(row, made):
         raise Invalid(f"{place}: {row.expect} needs {lacks}", f"see {_EXPECTATIONS}")
     return made
+
+
+def _extremes(steps: Sequence[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
+    """Yield a flight at both ends of its ranges, without its optional steps and with them."""
+    for with_all in (False, True):
+        left = [step for step in steps if with_all or not step.get("optional")]
+        for end in (0, 1):
+            yield [
+                {name: _end(value, end) for name, value in step.items() if name != "optional"}
+                for step in left
+            ]
 
 
 def _require_service(row: RubricRow, made: MissionFile, place: str) -> None:

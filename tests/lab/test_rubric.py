@@ -66,6 +66,27 @@ def test_the_built_in_rows_are_a_rubric_with_hints(file: str):
         (f"[[row]]\nname = 'a'\nexpect = 'stops'\n{GOTO}", "needs a goto and then a cage"),
         (
             (
+                "[[row]]\nname = 'a'\nexpect = 'refused'\nrows = ["
+                "{ at = 4.0, do = 'goto', x = 9, y = 0, z = 1, optional = true }]"
+            ),
+            "each of its steps is optional",
+        ),
+        (
+            (
+                "[[row]]\nname = 'a'\nexpect = 'zeroed'\nrows = [{ at = 4.0, do = 'hold' }, "
+                "{ at = 6.0, do = 'calibrate', optional = true }]"
+            ),
+            "needs a calibrate",
+        ),
+        (
+            (
+                "[[row]]\nname = 'a'\nexpect = 'refused'\nrows = ["
+                "{ at = 4.0, do = 'goto', x = [9.0, 8.0], y = 0, z = 1 }]"
+            ),
+            "the lower number comes first",
+        ),
+        (
+            (
                 "[[row]]\nname = 'a'\nexpect = 'stops'\nrows = ["
                 "{ at = 1.0, do = 'cage', on = true }, { at = 3.0, do = 'goto', x = 9, y = 0, z = 1 }]"
             ),

@@ -125,6 +125,8 @@ def dump(
 
     Example: quadctl param dump -o tuned.toml
     """
+    if names:
+        options, names = context.about_parameters(options, names)
     with context.running_params(options) as running:
         values = running.get(names) if names else running.whole()
     context.check_vehicle(options, list(values))

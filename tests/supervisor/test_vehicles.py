@@ -192,6 +192,8 @@ def test_a_parameters_name_may_begin_with_its_vehicle(at_start: Lab):
             "param", "get", f"{vehicle}.safety.acceptance_range", "--json"
         ).json
         assert found == {"safety.acceptance_range": known}
+        dumped = at_start.quadctl("param", "dump", f"{vehicle}.safety.acceptance_range", "--json")
+        assert dumped.json == found
     both = at_start.quadctl("param", "get", "uav0.safety.takeoff", "uav1.safety.takeoff")
     assert (both.code, "different vehicles: uav0, uav1" in both.err) == (2, True)
 

@@ -18,7 +18,7 @@ from quadctl.schemas.services import GotoRequest, HoldRequest
 from quadctl.schemas.topics import HOLD, STATE
 from quadctl.services.runtime.bus.client import Client
 from quadctl.services.runtime.errors import Refused
-from quadctl.vehicle import Flight, distance, patience, speed
+from quadctl.vehicle import Flight, distance, speed
 
 
 def hold(options: Options, file: File = None) -> None:
@@ -97,6 +97,9 @@ class _Descent(Flight):
     pose: Pose | None = None
     _still_since, _reached = 0.0, False
 
+    def _patience(self, metres: float) -> float:
+        return super()._patience(max(metres, 1e-6)) + _IDLE
+
     def _read(self, message: Pose | SafetyState) -> None:
         super()._read(message)
         if isinstance(message, Pose):
@@ -131,8 +134,7 @@ def _land(client: Client, board: FleetProgress, name: str, arrive: float | None)
     if not flight.accepted:
         raise Refused(flight.reason, "it hovers; `quadctl fleet list` shows where")
     whole = max(distance(at, goal), 1e-6)
-    limit = arrive or patience(client, whole) + _IDLE
-    flight.wait(limit, lambda to_go: board.fly(name, to_go, whole))
+    flight.wait(arrive, lambda to_go: board.fly(name, to_go, whole))
     if client.latest(STATE).state == "MOVING":
         # Without a hold it would stay busy for ever.
         client.call(HOLD, HoldRequest())

@@ -126,18 +126,15 @@ def _bad_coordinate(axis: str, value: str) -> Invalid:
 def patience(client: Client, metres: float) -> float:
     """Return the time (s) to wait for an arrival: twice the planned time, and 5.
 
-    The plan is an upper bound of a flight from rest to rest within the setpoint's limits, at the pace of
-    the simulation if that is slower than the clock.
+    The plan is an upper bound of a flight from rest to rest within the setpoint's limits.
     """
-    request = GetParamsRequest(["dynamics.control", "dynamics.speed"])
-    reply = client.call(get_params("dynamics"), request)
+    reply = client.call(get_params("dynamics"), GetParamsRequest(["dynamics.control"]))
     values = reply.values | reply.in_force
     speed, acceleration, jerk = (
         float(values[f"dynamics.control.max_{name}"]) for name in ("speed", "acceleration", "jerk")
     )
     planned = metres / speed + speed / acceleration + acceleration / jerk
-    pace = float(values["dynamics.speed"]) or 1.0
-    return (2 * planned + _SLACK) / min(pace, 1.0)
+    return 2 * planned + _SLACK
 
 
 _RESTS, _AT_REST = 0.05, 0.25
@@ -303,7 +300,8 @@ class Flight:
     ) -> Arrival:
         """Wait for the arrival for up to `timeout` s, by default twice the planned time and 5 s.
 
-        While the goal waits for other vehicles, this time does not pass.
+        While the goal waits for other vehicles, this time does not pass. The default counts on the clock
+        and in simulated time, which may be slower.
         `on_progress` is called with the metres to go, `on_pause` with the reason when the flight
         pauses, and with "" when it goes on. Raises Refused if the goal was refused or the flight
         stopped, TimedOut if it takes longer, Invalid if safety's states cannot be read, and
@@ -312,8 +310,9 @@ class Flight:
         if timeout is not None:
             timeout = positive_time("timeout", timeout)
         metres = self.begin()
+        by_default = timeout is None
         if timeout is None:
-            timeout = 0.0 if self._is_over else patience(self._client, metres)
+            timeout = 0.0 if self._is_over else self._patience(metres)
         ends = time.monotonic() + timeout
         if self.paused:
             on_pause(self.paused)
@@ -321,6 +320,8 @@ class Flight:
             if self.paused.startswith(WAITS):
                 ends = time.monotonic() + timeout
             left = ends - time.monotonic()
+            if by_default and self._seconds < timeout:
+                left = max(left, 2 * self._client.timeout)
             if left <= 0:
                 raise TimedOut(
                     f"not there after {timeout:.1f} s: {self._distance:.2f} m to go",
@@ -341,6 +342,10 @@ class Flight:
         if self._reason:
             raise self.refusal()
         return Arrival(self._distance, self._seconds)
+
+    def _patience(self, metres: float) -> float:
+        """Return the time (s) to wait by default, with so many metres to go."""
+        return patience(self._client, metres)
 
     def _check_open(self) -> None:
         """Raise Unreachable if the connection was closed during the flight: nothing comes any more."""

@@ -310,18 +310,20 @@ class Flight:
         if timeout is not None:
             timeout = positive_time("timeout", timeout)
         metres = self.begin()
-        by_default = timeout is None
+        counted = math.inf  # simulated seconds so far, where they count, too
         if timeout is None:
-            timeout = 0.0 if self._is_over else self._patience(metres)
+            timeout, counted = 0.0 if self._is_over else self._patience(metres), 0.0
         ends = time.monotonic() + timeout
         if self.paused:
             on_pause(self.paused)
         while not self._is_over:
             if self.paused.startswith(WAITS):
                 ends = time.monotonic() + timeout
+            # A simulation that stands still gives no more time.
+            if counted < self._seconds < timeout:
+                counted = self._seconds
+                ends = max(ends, time.monotonic() + 2 * self._client.timeout)
             left = ends - time.monotonic()
-            if by_default and self._seconds < timeout:
-                left = max(left, 2 * self._client.timeout)
             if left <= 0:
                 raise TimedOut(
                     f"not there after {timeout:.1f} s: {self._distance:.2f} m to go",

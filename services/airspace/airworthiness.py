@@ -54,6 +54,8 @@ CONTROL_PERIOD = 0.004
 """Seconds between two motor commands."""
 _LEAST_LAG, _SLOWER = 0.05, 1.5
 """Shortest lag of the setpoint, s, and how many times longer than the motors' delay it is."""
+_LAGS = 3.0
+"""Lags of the setpoint by which the vehicle may be behind it."""
 LEAST_DAMPING = 0.2
 """Damping ratio: with less, a loop swings for long, and with 0 for ever."""
 _LIFT = 0.9
@@ -149,7 +151,7 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
     if acceleration < _LEAST_ACCELERATION:
         least = f"{acceleration:.2g} m/s^2 at most, below {_LEAST_ACCELERATION:g}"
         return f"it speeds up with {least}"
-    if (begins := sqrt(2 * AT_REST / jerk) + 3 * setpoint_lag(vehicle, control)) > PATIENCE:
+    if (begins := sqrt(2 * AT_REST / jerk) + _LAGS * setpoint_lag(vehicle, control)) > PATIENCE:
         return (
             f"with a jerk of {jerk:.2g} m/s^3 it takes {begins:.2g} s to move, above {PATIENCE:g}"
         )
@@ -285,8 +287,20 @@ def stopping_law(vehicle: VehicleParams, control: ControlParams, wind: WindParam
     """
     limits = flown(vehicle, control, wind)
     most = min(limits.max_acceleration, sqrt(2 * limits.max_jerk * limits.max_speed))
-    response = 1 / SETPOINT.hz + 3 * setpoint_lag(vehicle, control) + most / limits.max_jerk
+    response = 1 / SETPOINT.hz + _LAGS * setpoint_lag(vehicle, control) + most / limits.max_jerk
     return StoppingLaw(response, most, 0.5 * most)
+
+
+def most_motion(
+    vehicle: VehicleParams, control: ControlParams, wind: WindParams
+) -> tuple[float, float]:
+    """Return the highest speed (m/s) and deceleration (m/s^2) of a sound flight.
+
+    The vehicle may still speed up for the lags by which it follows its setpoint.
+    """
+    limits = flown(vehicle, control, wind)
+    gained = _LAGS * setpoint_lag(vehicle, control) * limits.max_acceleration
+    return limits.max_speed + gained, limits.max_acceleration
 
 
 def held_tilt(vehicle: VehicleParams, control: ControlParams) -> float:

@@ -25,6 +25,7 @@ _LIMITS = {"max_tilt": -3, "max_speed": -5, "max_acceleration": -4, "max_jerk": 
 others flights take minutes."""
 _CAGES = ((0.2, 0.2, 0.2), *genomes.CAGES, (20.0, 20.0, 20.0))
 _SECONDS = 14.0
+_PARAMETERS = catalogue.leaves()
 _TOGETHER = 250
 """Flights of a batch: each is faster in larger ones."""
 Given = dict[str, Any]
@@ -67,7 +68,7 @@ def _drawn(draws: Random, soft: bool) -> Given:
         if last in _LIMITS:
             if soft or draws.random() < 0.5:
                 value = control[name] * 2 ** draws.uniform(_LIMITS[last], -1 if soft else 1)
-                bounds = catalogue.leaves()[name].type
+                bounds = _PARAMETERS[name].type
                 assert isinstance(bounds, FloatType)
                 given[name] = min(max(value, bounds.ge or 0.0), bounds.le or value)
         elif last in _DRAG and draws.random() < 0.5:

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
-from quadctl.schemas.params import Params, WindParams
+from quadctl.schemas.params import DynamicsParams, Params, SafetyParams, WindParams
 from quadctl.schemas.typed import converted
 from quadctl.services.airspace import airworthiness
 from quadctl.services.runtime.errors import Invalid, UsageError
@@ -25,7 +25,10 @@ from quadctl.services.runtime.realm import DEFAULT, listed
 
 _WRITTEN = "`quadctl init` writes one"
 _AIRWORTHY = "less wind, mass or motor_lag, softer gains, more tilt or stronger motors"
-_UNPROVEN = "values nearer to it, or a launch with `dynamics.unproven = true`, without the promises"
+_NO_PROMISE = "a launch with `dynamics.unproven = true`, without the promises"
+_UNPROVEN = f"values nearer to it, or {_NO_PROMISE}"
+_DECLARED = ("reaction", "max_acceleration", "min_deceleration")
+"""Parameters of safety for the stop of an autopilot that is not ours."""
 _HALF = r"[=\[,]\s*[+-]?(\.\d|\d+\.(?!\d))"
 _DIGITS = "TOML has digits on both sides of a point: 0.5 and 5.0, for .5 and 5."
 _AT = r"(?s)^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$"
@@ -80,14 +83,32 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
             f" vehicle can hold, {least:.2g} m",
             "a wider range",
         )
-    fastest = airworthiness.flown(dynamics.vehicle, dynamics.control, wind).max_speed
-    if fastest > params.safety.max_speed and "dynamics" not in params.processes:
-        raise Invalid(
-            f"{source}: safety.max_speed: {params.safety.max_speed:g} m/s is less than the vehicle flies"
-            f" at, {fastest:.3g} m/s: safety would stop each fast flight",
-            "a higher one, or a lower dynamics.control.max_speed",
-        )
+    if not (dynamics.unproven or "dynamics" in params.processes):
+        _check_guards(params.safety, dynamics, wind, source)
     return params
+
+
+def _check_guards(
+    safety: SafetyParams, dynamics: DynamicsParams, wind: WindParams, source: str
+) -> None:
+    """Raise Invalid for guards that would stop sound flights of the simulated vehicle."""
+    speed, deceleration = airworthiness.most_motion(dynamics.vehicle, dynamics.control, wind)
+    for name, guard, most, unit in (
+        ("max_speed", safety.max_speed, speed, "m/s"),
+        ("max_deceleration", safety.max_deceleration, deceleration, "m/s^2"),
+    ):
+        if guard < most:
+            raise Invalid(
+                f"{source}: safety.{name}: {guard:g} {unit} is less than the vehicle may reach,"
+                f" {most:.3g} {unit}: safety would stop sound flights",
+                "a higher one, or lower limits in dynamics.control",
+            )
+    for name in _DECLARED:
+        if value := getattr(safety, name):
+            raise Invalid(
+                f"{source}: safety.{name}: {value:g} describes an autopilot that is not ours",
+                f"leave it out, name its adapter in [processes], or {_NO_PROMISE}",
+            )
 
 
 def check_value(name: str, value: Any, source: str) -> None:

@@ -155,6 +155,19 @@ def test_a_body_that_a_search_led_out_has_no_promise(given: dict[str, float]):
     assert airworthiness.why_unproven(flies.vehicle, flies.control)
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(4))
+def test_guards_with_the_least_values_taken_stop_no_sound_flight(seed: int):
+    given = random_body(Random(seed)) if seed else {}
+    flies = dynamics_of(given)
+    speed, deceleration = airworthiness.most_motion(flies.vehicle, flies.control, flies.wind)
+    given |= {"safety.max_speed": speed, "safety.max_deceleration": deceleration}
+    conditions, module = Conditions(20.0, faults=False, given=given), compiled_kernel()
+    flights = [mission(number, Random(number), conditions) for number in range(100)]
+    flown = Batch(flights, lambda params: Compiled(params, module)).fly()
+    assert [flight.violations for flight in flown if flight.violations] == []
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_a_goal_is_reached_with_the_least_acceptance_range(seed: int):
     body = dynamics_of(random_body(Random(seed), soft=seed % 2 == 0))

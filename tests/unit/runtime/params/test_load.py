@@ -151,7 +151,11 @@ def test_a_missing_or_binary_file_is_refused(tmp_path: Path):
         ("safety..takeoff=3", "unknown parameter", ""),
         ("safety.cage_on=1", "expected `bool`", ""),
         ("dynamics.rate=30", "1000 / rate", ""),
-        ("safety.max_speed=4.9", "less than the vehicle flies at, 5 m/s", "a higher one"),
+        ("safety.max_speed=5.7", "less than the vehicle may reach, 5.75 m/s", "a higher one"),
+        ("safety.max_deceleration=4", "less than the vehicle may reach, 5 m/s^2", "a higher one"),
+        ("safety.reaction=0.1", "describes an autopilot that is not ours", "[processes]"),
+        ("safety.max_acceleration=1", "describes an autopilot that is not ours", "unproven"),
+        ("safety.min_deceleration=9", "describes an autopilot that is not ours", "leave it out"),
     ],
 )
 def test_a_bad_setting_is_refused_with_its_name(setting: str, message: str, hint: str):
@@ -332,9 +336,13 @@ def test_a_value_in_the_place_of_a_table_is_invalid():
     assert table == {"safety": {"takeoff": {"x": 3}}}
 
 
-def test_a_vehicle_that_is_not_ours_may_be_slower_than_our_default():
-    own = ['processes.dynamics="python adapter.py"', "safety.max_speed=3"]
-    assert load(None, own).safety.max_speed == 3
+@pytest.mark.parametrize(
+    "excused", ['processes.dynamics="python adapter.py"', "dynamics.unproven=true"]
+)
+def test_guards_of_a_vehicle_that_is_not_ours_have_any_value(excused: str):
+    guards = ["max_speed=3", "max_deceleration=2", "reaction=0.3", "min_deceleration=1"]
+    safety = load(None, [excused, *(f"safety.{each}" for each in guards)]).safety
+    assert (safety.max_speed, safety.max_deceleration, safety.reaction) == (3, 2, 0.3)
 
 
 @pytest.mark.parametrize(

@@ -231,7 +231,8 @@ def test_a_frozen_hub_ends_record_by_its_timeout(module_lab: Lab):
 def test_a_restarted_recorder_of_a_run_uses_a_new_file(lab: Lab):
     lab.start("--record", "run.mcap", "--set", "dynamics.start.z=1")
     assert list(lab.nodes()) == ["hub", "dynamics", "pressure", "safety", "recorder"]
-    assert lab.quadctl("up", "-d", "--record", "run.mcap", "--json").error["code"] == "invalid"
+    for taken in ("run.mcap", "nowhere/run.mcap"):
+        assert lab.quadctl("up", "-d", "--record", taken, "--json").error["code"] == "invalid"
     first = lab.folder / "run.mcap"
     eventually(lambda: "uav/safety/state" in keys(first))
     # A second recording may run at the same time.

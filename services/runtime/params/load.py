@@ -254,9 +254,15 @@ def _common(table: dict[str, Any], source: str, vehicles: Sequence[str]) -> Para
         return check(table, source)
     except Invalid as problem:
         stray = next((name for name in table if name not in Params.__struct_fields__), "")
-        if not isinstance(table.get(stray), dict) or len(vehicles) == 1:
+        own = table.get(stray)
+        if not isinstance(own, dict):
             raise
-        hint = f"the vehicles are {listed(vehicles)}; {problem.hint}"
+        if len(vehicles) > 1:
+            hint = f"the vehicles are {listed(vehicles)}; {problem.hint}"
+        elif own.keys() & {*Params.__struct_fields__}:
+            hint = f"the only vehicle is {listed(vehicles)}: `quadctl up --vehicles N` has more"
+        else:
+            raise
         raise Invalid(problem.message, hint) from None
 
 

@@ -159,10 +159,16 @@ def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Create the file so that at no time any other user can read it."""
+    """Write the file, whole or not at all, so that at no time any other user can read it."""
+    fresh = path.with_name(f".{path.name}.{os.getpid()}")
     with making(path):
-        path.unlink(missing_ok=True)
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-            file.write(data)
+        try:
+            only_new = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+            with os.fdopen(os.open(fresh, only_new, 0o600), "wb") as file:
+                file.write(data)
+            fresh.replace(path)
+        except OSError:
+            fresh.unlink(missing_ok=True)
+            raise
     if sys.platform != "win32":
         path.chmod(0o600)

@@ -87,6 +87,9 @@ def test_an_unknown_vehicle_is_reported_with_the_known_ones():
     with pytest.raises(Invalid) as caught:
         load.load_vehicles(None, ["uav20.safety.takeoff=1"], load.names("uav", 20))
     assert "the vehicles are uav0 .. uav19 (20)" in caught.value.hint
+    with pytest.raises(Invalid) as caught:
+        load.load_vehicles(None, ["uav1.safety.takeoff=1"])
+    assert caught.value.hint == "the only vehicle is uav: `quadctl up --vehicles N` has more"
 
 
 def test_a_vehicles_own_table_extends_the_common_ones():

@@ -1,6 +1,7 @@
 """Issued certificates pass the strictest verifiers; those of older versions are refused."""
 
 import ipaddress
+import resource
 import shutil
 import ssl
 import time
@@ -11,7 +12,7 @@ from cryptography import x509
 from cryptography.x509 import verification
 
 from quadctl.schemas.roles import ROLES
-from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.errors import Invalid, UsageError
 from quadctl.services.runtime.security.authority import Authority
 from quadctl.services.runtime.security.identity import Identity, Name
 from quadctl.services.runtime.security.registry import Registry
@@ -109,3 +110,15 @@ def test_a_damaged_certificate_is_refused(fleet: Path, tmp_path: Path, text: str
     (damaged / "cert.pem").write_text(text, encoding="utf-8")
     with pytest.raises(UsageError, match=r"cert\.pem is no certificate"):
         Identity(str(damaged))
+
+
+def test_on_a_full_disk_no_part_of_a_certificate_is_left(tmp_path: Path):
+    folder, before = tmp_path / "keys", resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))  # acts as a full disk
+    try:
+        with pytest.raises(Invalid, match="cannot be written: File too large"):
+            Registry(folder).init()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(folder.iterdir()) == []
+    Registry(folder).init()

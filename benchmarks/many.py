@@ -1,4 +1,4 @@
-"""Cost of several vehicles in one run, all of them in flight."""
+"""Cost of several vehicles in one run, in hover and all of them in flight."""
 
 import time
 from collections import Counter
@@ -31,11 +31,14 @@ def measure(results: Results, effort: Effort) -> None:
     The vehicle's compiled code exists by then: it is made once per machine.
     """
     have_made()
-    share = 0.0
+    hovering = share = 0.0
     for count in _COUNTS:
         with running(*_words(count)) as where, opened(where.endpoint) as session:
+            time.sleep(_SETTLED)
+            hovering = _busy(where, effort.seconds)
             share = flying(where, session, count, effort.seconds)
         results.add(f"each_of_{count}", "ours", [share / count])
+    results.add("hover_100", "ours", [hovering])
     results.add("vehicles_100", "ours", [share])
     for _ in range(effort.large_launches):
         began = time.perf_counter()
@@ -45,6 +48,15 @@ def measure(results: Results, effort: Effort) -> None:
 
 def _words(count: int) -> tuple[str, ...]:
     return "--vehicles", str(count), *_WIDE, "--set", f"dynamics.rate={_HZ}"
+
+
+def _busy(where: Home, seconds: float) -> float:
+    """Return the run's share of one core (%) for so long."""
+    processes = where.processes()
+    busy, began = proc.busy_of(processes), time.monotonic()
+    time.sleep(seconds)
+    passed, after = time.monotonic() - began, proc.busy_of(processes)
+    return 100 * (sum(after.values()) - sum(busy.values())) / passed
 
 
 def flying(where: Home, session: zenoh.Session, count: int, seconds: float) -> float:

@@ -31,7 +31,7 @@ from tests.support.frozen import (
 )
 from tests.support.lab import Lab, private_lab
 from tests.support.proofs import Proofs
-from tests.support.running import Done, eventually
+from tests.support.running import Done, eventually, is_frozen
 
 SLACK = 0.2
 """Seconds that a command may wait beyond its timeout, without the start of Python."""
@@ -144,6 +144,7 @@ def frozen(lab: Lab, who: str, *, heal: bool = True) -> Iterator[None]:
     pids = {node["name"]: node["pid"] for node in status["nodes"]} | {"up": status["pid"]}
     if who:
         os.kill(pids[who], signal.SIGSTOP)
+        eventually(lambda: is_frozen(pids[who]))
     try:
         yield
     finally:

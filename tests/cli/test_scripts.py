@@ -133,6 +133,12 @@ def test_ctrl_c_ends_every_endless_command_of_a_script(shared: Lab):
         lambda: all(shows(process, line) or process.ended for line, process in running.items()),
         describe=lambda: str([line for line, process in running.items() if not process.log]),
     )
+
+    # Before, a Ctrl-C ends the start of a bridge.
+    def nodes() -> set[str]:
+        return {node["name"] for node in shared.quadctl("node", "list", "--json").json or ()}
+
+    eventually(lambda: nodes() >= {"foxglove", "mavlink", "ros2"})
     for process in running.values():
         process.send(signal.SIGINT)
     ends = {line: process.wait() for line, process in running.items()}

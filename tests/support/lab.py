@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from tests.support.bare import Bare, pack
-from tests.support.running import DEADLINE, Done, Foreground, alive, eventually
+from tests.support.running import DEADLINE, Done, Foreground, alive, eventually, is_frozen
 
 NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "quadctl.cli.main"]
@@ -183,9 +183,11 @@ class Lab:
         return [status["pid"], *(node["pid"] for node in status["nodes"])]
 
     def signal(self, node: str, number: int) -> int:
-        """Send a signal to a node, and return its pid."""
+        """Send a signal to a node, and return its pid; SIGSTOP has its effect by then."""
         pid: int = self.nodes()[node]["pid"]
         os.kill(pid, number)
+        if number == signal.SIGSTOP:
+            eventually(lambda: is_frozen(pid))
         return pid
 
     @contextmanager

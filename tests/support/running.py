@@ -50,11 +50,24 @@ def eventually(
 
 def alive(pid: int) -> bool:
     """Return whether a process runs; a zombie does not."""
+    return _state(Path(f"/proc/{pid}")) not in "ZX"
+
+
+def is_frozen(pid: int) -> bool:
+    """Return whether no thread of a process runs any more.
+
+    A SIGSTOP waits until the thread that takes it gets a core; meanwhile the others go on.
+    """
+    return all(_state(thread) in "TZX" for thread in Path(f"/proc/{pid}/task").glob("*"))
+
+
+def _state(process: Path) -> str:
+    """Return the letter of the state of a process or thread, X if it is gone."""
     try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+        stat = (process / "stat").read_text(encoding="utf-8", errors="replace")
     except (FileNotFoundError, ProcessLookupError):
-        return False
-    return stat.rpartition(")")[2].split()[0] not in "ZX"
+        return "X"
+    return stat.rpartition(")")[2].split()[0]
 
 
 class Foreground:

@@ -9,6 +9,7 @@ from 0 for each vehicle. Each vehicle is announced as a node.
 import json
 import sys
 import time
+from typing import Any
 
 import msgspec
 import zenoh
@@ -25,6 +26,11 @@ def main(endpoint: str, first: int, count: int, hz: float) -> None:
     with zenoh.open(zenoh.Config.from_json5(json.dumps(config))) as session:
         publishers = [session.declare_publisher(f"{name}/pose") for name in names]
         tokens = [session.liveliness().declare_token(f"{name}/@node/dynamics") for name in names]
+        # What is sent before the hub tells of a subscriber goes nowhere.
+        statuses: list[Any] = [each.matching_status for each in publishers]
+        while not all(status.matching for status in statuses):
+            time.sleep(0.01)
+            statuses = [each.matching_status for each in publishers]
         began = time.monotonic()
         for number in range(sys.maxsize):
             seq, index = divmod(number, len(tokens))

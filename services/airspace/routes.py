@@ -81,9 +81,10 @@ def line(a: Point, b: Point) -> Iterator[Piece]:
 def rise(start: Point, end: Point) -> Box | None:
     """Return the box (m) of a leg from rest near the floor; None for any other one, which is straight.
 
-    The vehicle rises first, and turns before it has stopped above its start.
+    The vehicle rises first, and turns before it has stopped above its start. One that flies straight up
+    does not turn.
     """
-    return bend(start, end) if start[2] < LOW else None
+    return bend(start, end) if start[2] < LOW and start[:2] != end[:2] else None
 
 
 def bend(*points: Point) -> Box:

@@ -112,14 +112,15 @@ def too_near(route: FlightPath, s: Situation, w: World) -> list[Neighbour]:
 def _among_zones(route: FlightPath, w: World, *, direct: bool) -> tuple[FlightPath, str]:
     """Return the route, or one around zones, and why that is barred; empty if it is not."""
     barred, searched = why_barred(route, w.region), False
-    if barred and not (direct or route.turns or w.region.why_inside(route.points[-1])):
+    ends_inside = w.region.why_inside(route.points[-1])
+    if barred and not (direct or route.turns or ends_inside):
         start = route.points[0] if route.begun else route.origin
         corners = way_around(w.region, w.cage, start, route.points[-1])
         route, searched = _via(route, corners), True
         barred = why_barred(route, w.region)
     outside = (why_outside(corner, w.cage) for corner in route.points[:-1])
     why = next(filter(None, outside), "") or barred
-    if why and route.reach and not route.begun:
+    if why and not ends_inside and route.reach and not route.begun:
         if route.origin[2] < LOW:
             return route, f"{why}: from the floor a way bends; rise first"
         return route, f"{why}: in flight a way bends, from rest it may be free; hold first"

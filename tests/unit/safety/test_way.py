@@ -5,6 +5,7 @@ import random
 from concurrent.futures import ProcessPoolExecutor
 
 import pytest
+from msgspec import structs
 
 from quadctl.schemas.messages import Position
 from quadctl.schemas.zones import CircleParams, ZoneParams
@@ -62,6 +63,19 @@ def test_a_way_around_from_the_floor_begins_with_a_climb():
     assert legs_of(flight)[0][:2] == (0.0, 0.0)
     assert flight.land().deepest == 0.0
     assert flight.place.x == pytest.approx(3.0, abs=0.01)
+
+
+def test_a_vehicle_that_stands_in_a_zone_rises_out_of_it():
+    floor = Position(0.0, 0.0, 0.0)
+    mat = ZoneParams("mat", polygon=((-2, -2), (2, -2), (2, 2), (-2, 2)), ceiling=0.5)
+    above = structs.replace(mat, name="lab", kind="inclusion", floor=0.5, ceiling=10.0)
+    for zone in (mat, above):
+        flight = ZoneFlight(zone, start=floor)
+        assert flight.goto(Position(0.0, 0.0, 1.0)) == ""
+        assert flight.fly(3.0).place.z == pytest.approx(1.0, abs=0.01)
+    flight = ZoneFlight(mat, start=floor)
+    assert flight.goto(Position(0.0, 0.0, 0.2)) == "inside the zone mat"
+    assert flight.goto(Position(1.0, 0.0, 1.0)).endswith("from the floor a way bends; rise first")
 
 
 @pytest.mark.parametrize("periods", range(10))

@@ -90,8 +90,9 @@ _CLIMBS = tuple(pi / 6 * step for step in range(-3, 4))
 """Angles of motion, rad, at which the acceleration left is compared: steepest sinking to climb."""
 _HALVINGS = 12
 """Bisection steps for a speed: to 1/4096 of the limit, from below."""
-_CLOSE = 1e-12
-"""Relative precision of roots; it takes some ten rounds."""
+_CLOSE, _ROUNDS = 1e-12, 60
+"""Relative precision of roots, which takes some ten rounds, 30 at most; and where several are one, so that
+rounding hides it, the rounds after which they change no more."""
 
 
 def why_unproven(vehicle: VehicleParams, control: ControlParams) -> str:
@@ -428,8 +429,7 @@ def _roots(coefficients: tuple[float, ...]) -> list[complex]:
     scale = (last / first) ** (1 / order)
     monic = [value / (first * scale**power) for power, value in enumerate(coefficients)]
     roots = [(0.4 + 0.9j) ** number for number in range(order)]
-    moved = 1.0
-    while moved > _CLOSE:
+    for _ in range(_ROUNDS):
         moved = 0.0
         for number, root in enumerate(roots):
             above, below = 0j, 1 + 0j
@@ -439,4 +439,6 @@ def _roots(coefficients: tuple[float, ...]) -> list[complex]:
                 below *= root - other
             roots[number] = root - above / below
             moved = max(moved, abs(above / below) / abs(root))
+        if moved <= _CLOSE:
+            break
     return [scale * root for root in roots]

@@ -43,6 +43,16 @@ def test_the_damping_equals_that_of_numpys_roots(kp, kv, ka, kr, lag):
     assert found == pytest.approx(min(-roots.real / abs(roots)), abs=1e-5)
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-12, -1e-9, 1e-7, -1e-6])
+def test_the_damping_of_five_equal_modes_is_found_as_well(off):
+    # The loop is (s + 9.5238)^5 / 9.5238^4: its roots are known to the fifth root of a float's precision.
+    control = ControlParams(40 / 21, 100 / 21, 200 / 21, 400 / 21 * (1 + off))
+    assert airworthiness.damping(VehicleParams(motor_lag=0.019), control) > 0.9
+    rounded = ControlParams(1.9047619, 4.7619048, 9.5238095, 19.047619)
+    found = airworthiness.damping(VehicleParams(motor_lag=0.019), rounded)
+    assert found == pytest.approx(1.0, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("vehicle", "control", "wind"),
     [

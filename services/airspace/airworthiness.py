@@ -54,6 +54,8 @@ CONTROL_PERIOD = 0.004
 """Seconds between two motor commands."""
 _LEAST_LAG, _SLOWER = 0.05, 1.5
 """Shortest lag of the setpoint, s, and how many times longer than the motors' delay it is."""
+LAGS_TO_SPIN_UP = 5.0
+"""Motor lags to wait at hover command before take-off: 1.3 % of the weight is missing then."""
 _LAGS = 3.0
 """Lags of the setpoint by which the vehicle may be behind it."""
 LEAST_DAMPING = 0.2
@@ -152,9 +154,13 @@ def why_not(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
     if acceleration < _LEAST_ACCELERATION:
         least = f"{acceleration:.2g} m/s^2 at most, below {_LEAST_ACCELERATION:g}"
         return f"it speeds up with {least}"
-    if (begins := sqrt(2 * AT_REST / jerk) + _LAGS * setpoint_lag(vehicle, control)) > PATIENCE:
+    # It has to move within safety's patience, on the floor after its motors have spun up.
+    begins = LAGS_TO_SPIN_UP * vehicle.motor_lag + _LAGS * setpoint_lag(vehicle, control)
+    begins += sqrt(2 * AT_REST / jerk)
+    if begins > PATIENCE:
         return (
-            f"with a jerk of {jerk:.2g} m/s^3 it takes {begins:.2g} s to move, above {PATIENCE:g}"
+            f"with motor_lag {vehicle.motor_lag:g} s and a jerk of {jerk:.2g} m/s^3 it takes"
+            f" {begins:.2g} s to take off, above {PATIENCE:g}"
         )
     return ""
 

@@ -11,6 +11,7 @@ from math import ceil
 from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams
+from quadctl.services.airspace.airworthiness import LAGS_TO_SPIN_UP
 from quadctl.services.dynamics import flight_modes, trajectory, wind
 from quadctl.services.dynamics.controller import PERIOD, control_constants
 from quadctl.services.dynamics.flight_modes import TURNS, Constants, FlightMode, fresh
@@ -18,9 +19,6 @@ from quadctl.services.dynamics.rigidbody import STEP, Motors, State, body_consta
 from quadctl.services.dynamics.rotor import hover_speed, mixer_constants
 from quadctl.services.dynamics.trajectory import Limits, Plan, limits_of
 from quadctl.services.dynamics.wind import Air, initial_air, weather_of
-
-LAGS_TO_SPIN_UP = 5.0
-"""Motor lags to wait at hover command before take-off: 1.3 % of the weight is missing then."""
 
 Vector = tuple[float, float, float]
 

@@ -107,7 +107,7 @@ def test_a_parameter_too_far_from_every_body_has_no_promise(vehicle, control, fa
         ({}, {}, 9.0, "against the air it flies at 0.042 m/s at most"),
         ({}, {"max_tilt": 0.02}, 0.0, "it speeds up with 0.18 m/s^2 at most, below 0.2"),
         ({}, {"attitude_gain": 30.0}, 0.0, "hardly damped"),
-        ({}, {"max_jerk": 0.13}, 0.0, "with a jerk of 0.13 m/s^3 it takes 1 s to move, above 1"),
+        ({}, {"max_jerk": 0.13}, 0.0, "a jerk of 0.13 m/s^3 it takes 1.1 s to take off, above 1"),
         ({}, {"position_gain": 100.0}, 0.0, "unstable"),
         ({"mass": 4.0}, {}, 0.0, "its motors lift 8.32 m/s^2"),
         ({"max_motor_speed": 100.0}, {}, 0.0, "its motors lift"),

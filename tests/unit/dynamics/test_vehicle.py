@@ -4,9 +4,12 @@ from math import acos, cos, dist, hypot, sin, sqrt
 from random import Random
 
 import pytest
+from msgspec.structs import replace
 
 from quadctl.schemas.params import DynamicsParams, MeanWindParams, StartParams, WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
+from quadctl.services.airspace import airworthiness
+from quadctl.services.airspace.stopping import AT_REST, PATIENCE
 from quadctl.services.dynamics import flight_modes
 from quadctl.services.dynamics.rigidbody import body_constants, step
 from quadctl.services.dynamics.vehicle import Vehicle
@@ -271,6 +274,22 @@ def test_at_a_standstill_new_parameters_apply_without_a_movement():
         assert vehicle.in_force.vehicle.mass == mass
         vehicle.advance(1000)
         assert dist(vehicle.position, (0.0, 0.0, 10.0)) < 1e-6
+
+
+@pytest.mark.parametrize("body", airworthiness.BODIES, ids=lambda body: body.name)
+def test_every_body_that_is_accepted_moves_before_safety_takes_it_for_standing_still(body):
+    """Its motors spin up first: with slow ones that takes most of the time."""
+    slow = replace(body.control, attitude_gain=body.control.attitude_gain / 1.3)
+    for share in range(20, 41):
+        lag = share / 20 * body.vehicle.motor_lag
+        params = DynamicsParams(vehicle=replace(body.vehicle, motor_lag=lag), control=slow)
+        if airworthiness.why_not(params.vehicle, params.control, params.wind):
+            break
+        accepted = params
+    vehicle = Vehicle(accepted)
+    vehicle.goto(0.0, 0.0, 1.0)
+    vehicle.advance(round(1000 * PATIENCE))
+    assert hypot(*vehicle.velocity) > AT_REST
 
 
 def test_a_body_that_changes_at_a_landing_stays_on_the_floor():

@@ -7,6 +7,7 @@ from quadctl.services.dynamics.compiler import BackgroundCompiler
 from quadctl.services.dynamics.simulation import Simulation
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.node import Node
+from quadctl.services.runtime.params.followed import follow
 from quadctl.services.runtime.params.load import launch_lines
 
 _compiler = BackgroundCompiler()
@@ -30,6 +31,8 @@ def run(node: Node, params: Params) -> None:
 
     server = node.serve(RESET, reset)
     node.on_params, node.in_force = simulation.configure, simulation.in_force
+    # New body, gains and limits are judged by the guards of safety as they are now.
+    follow(node, "safety", params, lambda: None)
     simulation.publish()
     simulation.advance_time()
     for now in node.ticks(simulation.tick_rate):

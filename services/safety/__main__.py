@@ -7,7 +7,6 @@ from msgspec.structs import replace
 
 from quadctl.schemas.messages import (
     WAITS,
-    Called,
     Info,
     NearestWall,
     Pose,
@@ -21,7 +20,6 @@ from quadctl.schemas.services import (
     GotoResponse,
     HoldRequest,
     HoldResponse,
-    SetParamsRequest,
     ToggleCageRequest,
     ToggleCageResponse,
 )
@@ -38,17 +36,14 @@ from quadctl.schemas.topics import (
     TOGGLE_CAGE,
     TOPICS,
     ZONES,
-    called,
-    set_params,
 )
-from quadctl.schemas.typed import converted
 from quadctl.services.airspace import airworthiness
 from quadctl.services.airspace.cage import bounds
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
 from quadctl.services.runtime.executor import shared_lock
 from quadctl.services.runtime.node import FIRST_POSE, LOST_AFTER, Node
-from quadctl.services.runtime.params.live import LiveParams
+from quadctl.services.runtime.params.followed import follow
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.monitor import Monitor
 from quadctl.services.safety.traffic import Traffic
@@ -81,8 +76,8 @@ class Safety:
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, _REQUESTS, inline=True)
         node.on_params = self._on_params
-        self._vehicle = LiveParams("dynamics", params, lambda _table: None, self._judge_vehicle)
-        node.listen(called(set_params("dynamics")), self._on_vehicle_params, inline=True)
+        # Body, limits, wind, and patience for setpoints.
+        follow(node, "dynamics", params, self._judge_vehicle, inline=True)
         self._judge_vehicle()
         self._zones.put(self.monitor.zones)
         self._near = NearestWall()
@@ -91,11 +86,6 @@ class Safety:
     def _on_params(self) -> None:
         self._zones.put(self.monitor.zones)
         self.monitor.resize()
-
-    def _on_vehicle_params(self, call: Called) -> None:
-        """Follow the parameters of dynamics: body, limits, wind, and patience for setpoints."""
-        if call.response.get("success"):
-            self._vehicle.set(converted(call.request, SetParamsRequest))
 
     def _judge_vehicle(self) -> None:
         params = self._params.dynamics

@@ -193,6 +193,17 @@ def test_a_vehicle_that_would_not_fly_is_refused(tuned: Lab, session: Bare):
     assert (started.code, "unstable" in started.err) == (6, True)
 
 
+def test_each_node_judges_by_the_values_that_the_other_has_now(tuned: Lab, session: Bare):
+    assert tuned.quadctl("param", "set", "safety.max_speed", "3").code == 0
+    refused = tuned.quadctl("param", "set", "dynamics.control.max_speed", "5")
+    assert (refused.code, "safety.max_speed: 3 m/s is less" in refused.err) == (6, True)
+    assert tuned.quadctl("param", "set", "safety.max_speed", "30").code == 0
+    words = ("dynamics.control.max_speed=15", "dynamics.vehicle.drag=0")
+    assert tuned.quadctl("param", "set", *words).code == 0
+    refused = tuned.quadctl("param", "set", "safety.max_speed", "10")
+    assert (refused.code, "the vehicle may reach" in refused.err) == (6, True)
+
+
 def test_limits_beyond_the_body_are_accepted_and_told(tuned: Lab, session: Bare):
     assert session.call("hold").ok
     name = "dynamics.control.max_acceleration"

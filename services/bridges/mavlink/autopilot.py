@@ -9,9 +9,9 @@ import time
 from functools import partial
 from typing import Any
 
-from quadctl.schemas.messages import Called, Pose, SafetyState, Setpoint, Zones
+from quadctl.schemas.messages import Pose, SafetyState, Setpoint, Zones
 from quadctl.schemas.params import Params
-from quadctl.schemas.services import ResetRequest, ResetResponse, SetParamsRequest
+from quadctl.schemas.services import ResetRequest, ResetResponse
 from quadctl.schemas.topics import (
     POSE,
     POSE_SLOW,
@@ -19,17 +19,14 @@ from quadctl.schemas.topics import (
     SETPOINT,
     STATE,
     ZONES,
-    called,
-    set_params,
 )
-from quadctl.schemas.typed import converted
 from quadctl.services.bridges.base import run_bridge
 from quadctl.services.bridges.mavlink.adapter import POSE_HZ, US, AutopilotAdapter, Guarded
 from quadctl.services.bridges.mavlink.link import MavlinkLink
 from quadctl.services.bridges.options import AutopilotOptions
 from quadctl.services.runtime.errors import Invalid, Refused
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.params.live import LiveParams
+from quadctl.services.runtime.params.followed import follow
 
 
 class AutopilotProcess:
@@ -99,8 +96,7 @@ class AutopilotNode:
         node.listen(STATE, self._on_state)
         node.listen(ZONES, self._on_zones)
         # Safety has the parameters of its own; the margin makes the fence wider.
-        self._safety = LiveParams("safety", params, lambda _table: None, self._guard)
-        node.listen(called(set_params("safety")), self._on_safety_params)
+        follow(node, "safety", params, self._guard)
         node.serve(RESET, _refuse_reset)
 
     def take(self, message: Any) -> None:
@@ -130,10 +126,6 @@ class AutopilotNode:
     def _on_state(self, state: SafetyState) -> None:
         self._cage = state.cage
         self._guard()
-
-    def _on_safety_params(self, call: Called) -> None:
-        if call.response.get("success"):
-            self._safety.set(converted(call.request, SetParamsRequest))
 
     def _on_zones(self, zones: Zones) -> None:
         self._zones = zones

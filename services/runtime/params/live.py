@@ -13,13 +13,16 @@ from quadctl.schemas.services import (
     SetParamsRequest,
     SetParamsResponse,
 )
+from quadctl.schemas.typed import converted
 from quadctl.services.airspace import airworthiness
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.errors import Invalid, QuadctlError
 from quadctl.services.runtime.nesting import TOO_DEEP, is_too_deep
-from quadctl.services.runtime.params.load import check
+from quadctl.services.runtime.params.load import check, check_range
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name, put
 from quadctl.services.runtime.realm import Realm, write_atomically
+
+_RANGE = "safety.acceptance_range"
 
 
 def save_all_values(realm: Realm, fleet: Mapping[str, Params]) -> None:
@@ -63,6 +66,25 @@ def read_values(realm: Realm, vehicle: str) -> Params | None:
         return check(known, source, in_wind=False)
 
 
+def adopt(params: Params, name: str, values: Any) -> None:
+    """Take values that another node has accepted for its table, in place; raises Invalid if they are none.
+
+    That node has judged them by all values at that time. Judged again by those of a later one, they could be
+    dropped, and the two nodes would go on with different ones.
+    """
+    table: Struct = getattr(params, name)
+    tables = {name: msgspec.to_builtins(table)}
+    try:
+        if is_too_deep(values):
+            raise Invalid(f"the values are {TOO_DEEP}")
+        for leaf, value in flatten(converted(values, dict[str, Any])):
+            put(tables, leaf, value, name)
+        _copy(converted(tables[name], type(table)), table)
+    except msgspec.ValidationError as error:
+        why = f"a change of {name} cannot be followed: {error}"
+        raise Invalid(why, "use one version of quadctl for all nodes") from error
+
+
 class LiveParams:
     """One node's table of parameters, changed in place, so that every reference sees the change.
 
@@ -99,7 +121,8 @@ class LiveParams:
     def set(self, request: SetParamsRequest) -> SetParamsResponse:
         """Check all values, save them, then apply all of them; the reason tells what limits them.
 
-        Nobody can refuse a wind: a vehicle is judged in it only if body or gains are set.
+        Nobody can refuse a wind: a vehicle is judged in it only if body or gains are set, or the range
+        in which it has to hold its place.
         """
         before = self._limited()
         try:
@@ -123,7 +146,7 @@ class LiveParams:
 
     def _checked(self, values: dict[str, Any]) -> Struct:
         tables = msgspec.to_builtins(self._params)
-        in_wind = False
+        in_wind = ranges = False
         if is_too_deep(values):
             raise Invalid(f"the values are {TOO_DEEP}")
         for name, value in flatten(values):
@@ -131,12 +154,16 @@ class LiveParams:
                 raise Invalid(f"{name} is not a parameter of {self._name}")
             put(tables, name, value, "param set")
             in_wind = in_wind or normal_name(name).startswith(FROM_STANDSTILL)
+            ranges = ranges or normal_name(name) == _RANGE
             if normal_name(name) in FIXED_AT_LAUNCH:
                 ways = (LIVE_SWITCHES.get(normal_name(name)), f"`quadctl up --set {name}=...`")
                 hint = f"use {', or '.join(filter(None, ways))}"
                 raise Invalid(f"{name} is fixed at launch", hint)
-        checked: Struct = getattr(check(tables, "param set", in_wind=in_wind), self._name)
-        return checked
+        checked = check(tables, "param set", in_wind=in_wind)
+        if ranges:
+            check_range(checked, checked.dynamics.wind, "param set")
+        table: Struct = getattr(checked, self._name)
+        return table
 
     def _table(self) -> dict[str, Any]:
         table: dict[str, Any] = msgspec.to_builtins(getattr(self._params, self._name, {}))

@@ -76,16 +76,21 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
         why := airworthiness.why_unproven(dynamics.vehicle, dynamics.control)
     ):
         raise Invalid(f"{source}: dynamics: {why}", _UNPROVEN)
-    least = airworthiness.least_range(dynamics.vehicle, dynamics.control, wind)
-    if params.safety.acceptance_range < least:
-        raise Invalid(
-            f"{source}: safety.acceptance_range: {params.safety.acceptance_range:g} m is less than the"
-            f" vehicle can hold, {least:.2g} m",
-            "a wider range",
-        )
+    check_range(params, wind, source)
     if not (dynamics.unproven or "dynamics" in params.processes):
         _check_guards(params.safety, dynamics, wind, source)
     return params
+
+
+def check_range(params: Params, wind: WindParams, source: str) -> None:
+    """Raise Invalid for an acceptance range in which the vehicle cannot hold its place in this wind."""
+    dynamics, given = params.dynamics, params.safety.acceptance_range
+    least = airworthiness.least_range(dynamics.vehicle, dynamics.control, wind)
+    if given < least:
+        raise Invalid(
+            f"{source}: safety.acceptance_range: {given:g} m is less than the vehicle can hold, {least:.2g} m",
+            "a wider range",
+        )
 
 
 def _check_guards(

@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Struct
 
 from quadctl.schemas.params import DynamicsParams, Params, SafetyParams, WindParams
+from quadctl.schemas.topics import SETPOINT
 from quadctl.schemas.typed import converted
 from quadctl.services.airspace import airworthiness
 from quadctl.services.runtime.errors import Invalid, UsageError
@@ -77,6 +78,8 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
     ):
         raise Invalid(f"{source}: dynamics: {why}", _UNPROVEN)
     check_range(params, wind, source)
+    if "dynamics" not in params.processes:
+        _check_timeout(dynamics, source)
     if not (dynamics.unproven or "dynamics" in params.processes):
         _check_guards(params.safety, dynamics, wind, source)
     return params
@@ -90,6 +93,18 @@ def check_range(params: Params, wind: WindParams, source: str) -> None:
         raise Invalid(
             f"{source}: safety.acceptance_range: {given:g} m is less than the vehicle can hold, {least:.2g} m",
             "a wider range",
+        )
+
+
+def _check_timeout(dynamics: DynamicsParams, source: str) -> None:
+    """Raise Invalid for a timeout that ends before the next setpoint is due: safety answers one pose in each period."""
+    longest = math.ceil(dynamics.rate / SETPOINT.hz) / dynamics.rate
+    if dynamics.setpoint_timeout < longest:
+        raise Invalid(
+            f"{source}: dynamics.setpoint_timeout: {dynamics.setpoint_timeout:g} s is less than the time"
+            f" between two setpoints at {dynamics.rate:g} poses per second, {longest:.2g} s: the vehicle"
+            " would brake in each",
+            "a longer one, or another dynamics.rate",
         )
 
 

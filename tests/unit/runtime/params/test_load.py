@@ -1,5 +1,6 @@
 """Parameters from defaults, file and `--set`: their precedence and their spellings."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -8,6 +9,7 @@ from hypothesis import given, strategies as st
 
 from quadctl.schemas.barometer import PressureParams
 from quadctl.schemas.params import CageParams, Params, SafetyParams, StartParams
+from quadctl.schemas.topics import SETPOINT
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.params.load import check, launch_lines, load, read
 from quadctl.services.runtime.params.names import flatten, nearest, normal_name, put, value_of

@@ -30,6 +30,9 @@ _NO_PROMISE = "a launch with `dynamics.unproven = true`, without the promises"
 _UNPROVEN = f"values nearer to it, or {_NO_PROMISE}"
 _DECLARED = ("reaction", "max_acceleration", "min_deceleration")
 """Parameters of safety for the stop of an autopilot that is not ours."""
+_LEAST_HEIGHT = 0.01
+"""Least vertical distance of two vehicles, m: the square of one far below is 0. The declared bound, above 0, is
+a part of the contract."""
 _HALF = r"[=\[,]\s*[+-]?(\.\d|\d+\.(?!\d))"
 _DIGITS = "TOML has digits on both sides of a point: 0.5 and 5.0, for .5 and 5."
 _AT = r"(?s)^(?P<what>.*?)(?: - at `\$\.?(?P<where>[^`]*)`)?$"
@@ -78,6 +81,12 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
     ):
         raise Invalid(f"{source}: dynamics: {why}", _UNPROVEN)
     check_range(params, wind, source)
+    if (height := params.safety.separation.height) < _LEAST_HEIGHT:
+        raise Invalid(
+            f"{source}: safety.separation.height: no distance can be computed for {height:g} m, less than"
+            f" {_LEAST_HEIGHT:g} m",
+            "a greater height; `safety.separation.radius = 0` turns the separation off",
+        )
     if "dynamics" not in params.processes:
         _check_timeout(dynamics, source)
     if not (dynamics.unproven or "dynamics" in params.processes):

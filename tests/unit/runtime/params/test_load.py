@@ -62,6 +62,8 @@ FILES = [
     ("[dynamics.start]\nz = -1", "dynamics.start.z: expected `float` >= 0", ""),
     ("[dynamics.vehicle]\nmass = 0", "dynamics.vehicle.mass: expected `float` >", ""),
     ("[supervise]\nanswer_timeout = 0.1", "supervise.answer_timeout: expected `float` >= 0.5", ""),
+    ("[safety.separation]\nheight = 1e-200", "no distance can be computed for 1e-200 m", ""),
+    ("[safety.separation]\nheight = 0.0099", "separation.height: ", "separation.radius = 0"),
     # Contradicting values.
     ("[pressure]\nprofile = 'bmp280'\nrate = 27", "rate 27 Hz: a bmp280 gives at most 26.3", ""),
     ("[pressure]\nprofile = 'ms5611'\nnoise = 0.1", "a ms5611 has its own", ""),
@@ -336,6 +338,28 @@ def test_a_value_in_the_place_of_a_table_is_invalid():
     with pytest.raises(Invalid, match=r"safety\.takeoff: expected `object`, with x as before"):
         put(table, "safety.takeoff", 1.5, "--set x")
     assert table == {"safety": {"takeoff": {"x": 3}}}
+
+
+@pytest.mark.parametrize("rate", [1000 / milliseconds for milliseconds in (1, 3, 7, 10, 40, 50)])
+def test_a_timeout_lasts_until_the_next_setpoint_is_due(rate: float):
+    stamps = [number / rate for number in range(1000)]
+    answered = [stamp for stamp in stamps if SETPOINT.begins(stamp, 1 / rate)]
+    longest = max(after - before for before, after in pairwise(answered))
+
+    def given(timeout: float) -> list[str]:
+        return [f"dynamics.rate={rate}", f"dynamics.setpoint_timeout={timeout}"]
+
+    assert load(None, given(longest + 1e-9)).dynamics.setpoint_timeout > longest
+    if longest > 0.0501:
+        with pytest.raises(Invalid, match=r"is less than the time between two setpoints") as caught:
+            load(None, given(longest - 1e-9))
+        assert caught.value.hint == "a longer one, or another dynamics.rate"
+        adapter = "processes.dynamics=my_autopilot"
+        assert load(None, [adapter, *given(0.05)]).dynamics.setpoint_timeout == 0.05
+
+
+def test_at_the_usual_rate_the_least_timeout_is_taken():
+    assert load(None, ["dynamics.setpoint_timeout=0.05"]).dynamics.setpoint_timeout == 0.05
 
 
 @pytest.mark.parametrize(

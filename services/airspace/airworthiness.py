@@ -6,12 +6,13 @@ damping is that of the linear loop from position to thrust: cascaded gains, and 
 a control period. The torque is what roll and pitch have in hover before the mixer adds thrust to make
 room for them. SI units.
 
-Not covered: motors that a fault weakens.
+Not covered: motors that a fault weakens, and thrust that the mixer adds while a wind near the limit turns
+round: one in a thousand random bodies then gets a fifth farther than its margin.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
-from math import cos, exp, hypot, inf, pi, sin, sqrt, tan
+from math import cos, dist, exp, hypot, inf, pi, sin, sqrt, tan
 from typing import Any, NamedTuple
 
 import msgspec
@@ -57,7 +58,7 @@ _LEAST_LAG, _SLOWER = 0.05, 1.5
 LAGS_TO_SPIN_UP = 5.0
 """Motor lags to wait at hover command before take-off: 1.3 % of the weight is missing then."""
 _LAGS = 3.0
-"""Lags of the setpoint by which the vehicle may be behind it."""
+"""Lags of the setpoint by which the vehicle may be behind it, and lags after which a loop has settled."""
 LEAST_DAMPING = 0.2
 """Damping ratio: with less, a loop swings for long, and with 0 for ever."""
 _LIFT = 0.9
@@ -176,21 +177,51 @@ def why_not_held(vehicle: VehicleParams, control: ControlParams, wind: WindParam
     return f"it cannot hold itself: {cause}" if spare < least else ""
 
 
-def wind_margin(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> float:
+def wind_margin(
+    vehicle: VehicleParams,
+    control: ControlParams,
+    wind: WindParams,
+    before: Iterable[WindParams] = (),
+) -> float:
     """Return how far (m) wind and gusts may move the vehicle off its place, to add to `safety.margin`.
 
-    A vehicle that leaves the floor, or a wind that is set in flight, has the wind all at once: until the
-    vehicle has tilted against it, which takes it the attitude's lag and more if the loop swings, it is blown along. From
-    the speed that it then has, the loop of position and velocity stops it in v / kv, or with all that it can do
-    in v^2 / 2a.
+    A vehicle that leaves the floor has the wind all at once, and one in flight its change, from any of the winds
+    `before` that it may still be tilted against. Until it has tilted, which takes it the attitude's lag and more
+    if the loop swings, it is blown along. In gusts it has to learn a new mean first. From the speed that it then
+    has, the loop of position and velocity stops it in v / kv, or with all that it can do in v^2 / 2a.
     """
-    speed = hypot(wind.mean.x, wind.mean.y, wind.mean.z) + _STORM * wind.gust
-    push = _linear_drag(vehicle, 0.5 * speed) * speed / vehicle.mass
     damped = min(max(damping(vehicle, control), 0.0), 1 - _CLOSE)
-    v = push / control.attitude_gain * (1 + exp(-pi * damped / sqrt(1 - damped * damped)))
+    late = (1 + exp(-pi * damped / sqrt(1 - damped * damped))) / control.attitude_gain
+    v = late * _push(vehicle, WindParams(), wind)
+    for push in (_push(vehicle, earlier, wind) for earlier in before):
+        # Half of the time in which the torque tilts it the fastest, if that is more.
+        tilt = min(push / vehicle.gravity, 2 * held_tilt(vehicle, control))
+        turned = max(late, sqrt(tilt / _turning(vehicle)))
+        v = max(v, push * (turned + (_ESTIMATED if wind.gust else 0.0)))
     spare = max(_spare(vehicle, control, *_air(wind, _STORM))[0], _LEAST_SPARE)
     blown = v / control.velocity_gain + 0.5 * v * v / spare
     return blown + _SWAY * sway(vehicle, control, wind)
+
+
+def _push(vehicle: VehicleParams, before: WindParams, wind: WindParams) -> float:
+    """Return the greatest acceleration (m/s^2) that a change of the wind gives a vehicle at rest.
+
+    The strongest gusts of both are against each other, along the change.
+    """
+    old, new = ((w.mean.x, w.mean.y, w.mean.z) for w in (before, wind))
+    change = [n - o for n, o in zip(new, old, strict=True)]
+    along = next(filter(any, (change, new)), (1.0, 0.0, 0.0))
+    forces = []
+    for mean, gust in ((old, -before.gust), (new, wind.gust)):
+        air = [m + _STORM * gust * (to / hypot(*along)) for m, to in zip(mean, along, strict=True)]
+        drag = _linear_drag(vehicle, 0.5 * hypot(*air))
+        forces.append([drag * part for part in air])
+    return dist(*forces) / vehicle.mass
+
+
+def settled(control: ControlParams) -> float:
+    """Return the time (s) after which a vehicle that was blown off its place is back."""
+    return _LAGS / control.position_gain
 
 
 def least_range(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> float:

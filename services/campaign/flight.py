@@ -22,7 +22,7 @@ from quadctl.schemas.messages import (
 from quadctl.schemas.params import DynamicsParams, Params, SafetyParams
 from quadctl.schemas.services import SetParamsRequest
 from quadctl.schemas.topics import SETPOINT
-from quadctl.services.airspace import airworthiness, stopping
+from quadctl.services.airspace import stopping
 from quadctl.services.airspace.geometry import Point, place_of, velocity_of
 from quadctl.services.airspace.stopping import StoppingLaw
 from quadctl.services.airspace.zones import Region
@@ -141,10 +141,7 @@ class SimulatedFlight:
 
     def fly_with(self, params: DynamicsParams) -> None:
         """Tell safety with which parameters the vehicle flies."""
-        vehicle = params.vehicle, params.control, params.wind
-        self.monitor.set_stop(
-            airworthiness.stopping_law(*vehicle), airworthiness.wind_margin(*vehicle)
-        )
+        self.monitor.set_vehicle(params.vehicle, params.control, params.wind)
 
     @property
     def is_astray(self) -> bool:

@@ -90,9 +90,7 @@ class Safety:
     def _judge_vehicle(self) -> None:
         params = self._params.dynamics
         vehicle = params.vehicle, params.control, params.wind
-        self.monitor.set_stop(
-            airworthiness.stopping_law(*vehicle), airworthiness.wind_margin(*vehicle)
-        )
+        self.monitor.set_vehicle(*vehicle)
         self.monitor.set_landing(airworthiness.why_not_held(*vehicle))
         self._send_setpoint()
 

@@ -1,6 +1,8 @@
 """Monitor: feeds the automaton, watches the poses' age; TrackingMonitor: a vehicle's obedience."""
 
+from collections import deque
 from collections.abc import Callable
+from copy import deepcopy
 from math import inf
 from typing import cast
 
@@ -23,7 +25,7 @@ from quadctl.schemas.messages import (
 )
 from quadctl.schemas.params import SafetyParams, SeparationParams, WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
-from quadctl.services.airspace.airworthiness import stopping_law
+from quadctl.services.airspace.airworthiness import settled, stopping_law, wind_margin
 from quadctl.services.airspace.cage import why_outside
 from quadctl.services.airspace.geometry import Point, place_of
 from quadctl.services.airspace.separation import NOBODY, Others, conflicts, why_near
@@ -51,6 +53,8 @@ from quadctl.services.safety.traffic import Held, Post, Traffic
 
 WAIT = 30.0
 """Simulated time (s) for which a goal waits while no vehicle ahead of it is on its way."""
+_WINDS = 50
+"""Winds that are remembered of a few seconds, the longest one among them."""
 STOOD_STILL = f"the vehicle stood still for {PATIENCE:g} s on its way"
 
 
@@ -132,7 +136,9 @@ class Monitor:
         """Stamp (s) of the last pose of this boot in motion."""
         self._flown = self._stop = stopping_law(VehicleParams(), ControlParams(), WindParams())
         self._blown = self._most_blown = 0.0
-        """Margin (m) for the present wind, and for the strongest since the last boot."""
+        """Margin (m) for the present wind, and the widest for winds and their changes since the last boot."""
+        self._winds: deque[tuple[float, WindParams]] = deque()
+        """Winds that the vehicle may still be tilted against, each with the stamp (s) of its beginning."""
         self._void: set[str] = set()
         self._zones, self._region = params.zones, Region(params.zones)
         self.situation = Situation(_ORIGIN, cage_on=params.cage_on or restarted)
@@ -311,14 +317,27 @@ class Monitor:
             self._feed(Hold(f"stopped and landing, {why}"))
         self._landing = why
 
-    def set_stop(self, law: StoppingLaw, blown: float) -> None:
-        """Take the law of the vehicle's stop, and the margin (m) for its wind.
+    def set_vehicle(self, vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> None:
+        """Take the body, gains and limits that the vehicle flies with, and its wind."""
+        flies, now = (vehicle, control, wind), self.pose.stamp
+        # A change in several steps, an axis after the other, moves it as one does.
+        while len(self._winds) > 1 and self._winds[1][0] < now - settled(control):
+            self._winds.popleft()
+        before = [earlier for _, earlier in self._winds if earlier != wind]
+        self.set_stop(stopping_law(*flies), wind_margin(*flies), wind_margin(*flies, before))
+        if not (self._winds and self._winds[-1][1] == wind):
+            if len(self._winds) == _WINDS:
+                del self._winds[1]
+            self._winds.append((now, deepcopy(wind)))
+
+    def set_stop(self, law: StoppingLaw, blown: float, changed: float = 0.0) -> None:
+        """Take the law of the vehicle's stop, and the margins (m) for its wind and for a change to it in flight.
 
         The law counts from the vehicle's next standstill, and an earlier wind may have moved it: until the
         next boot, safety counts with the wider of all since the last.
         """
         self._flown, self._stop = law, law.wider(self._stop)
-        self._blown, self._most_blown = blown, max(blown, self._most_blown)
+        self._blown, self._most_blown = blown, max(blown, changed, self._most_blown)
 
     def toggle(self, *, cage_on: bool) -> None:
         """Turn the cage on or off."""
@@ -358,6 +377,7 @@ class Monitor:
     def _boot(self) -> None:
         first = not self.situation.boot
         self._stop, self._most_blown = self._flown, self._blown
+        self._winds = deque((-inf, wind) for _, wind in [*self._winds][-1:])
         stays = first and self._restarted
         self._void.add(self.situation.boot)
         self._feed(Booted(self._greeting(first=first)))
@@ -396,7 +416,7 @@ class Monitor:
 
     @property
     def margin(self) -> float:
-        """Return the tolerance (m) of the vehicle's motion, in the strongest wind since the last boot."""
+        """Return the tolerance (m) of the vehicle's motion, the widest for the wind since the last boot."""
         return self._params.margin + self._most_blown
 
     def world(self, others: Others = NOBODY) -> World:

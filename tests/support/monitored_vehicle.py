@@ -42,7 +42,7 @@ class MonitoredVehicle:
         dynamics = replace(body or DynamicsParams(), start=StartParams(start.x, start.y, start.z))
         flies = dynamics.vehicle, dynamics.control, dynamics.wind
         self.law = airworthiness.stopping_law(*flies)
-        self.monitor.set_stop(self.law, airworthiness.wind_margin(*flies))
+        self.monitor.set_vehicle(*flies)
         self.vehicle = Vehicle(dynamics)
         self.vehicle.fly = machine().single()
         self._sent: object = None

@@ -160,6 +160,32 @@ def test_the_wind_adds_to_the_margin_with_its_mean_and_its_gusts():
     assert margin(0.0, 0.5) < margin(0.0, 1.0) < margin(3.0, 1.0)
 
 
+def test_a_change_of_wind_adds_to_the_margin_as_it_pushes():
+    def margin(wind: WindParams, *before: WindParams) -> float:
+        return airworthiness.wind_margin(VehicleParams(), ControlParams(), wind, before)
+
+    calm, east, west = (WindParams(MeanWindParams(x)) for x in (0.0, 5.0, -5.0))
+    assert margin(east, calm) == margin(east, east) == margin(east)
+    north = WindParams(MeanWindParams(y=5.0))
+    assert (
+        margin(east) < margin(east, north) < margin(east, west) == margin(east, calm, west, north)
+    )
+    assert margin(calm, west) == pytest.approx(margin(east), rel=0.2)
+    push = airworthiness._push
+    assert push(VehicleParams(), west, east) == pytest.approx(2 * push(VehicleParams(), calm, east))
+    # Gusts that end were the strongest just before.
+    assert push(VehicleParams(), WindParams(gust=1.0), calm) == pytest.approx(0.1 * 4.0**2)
+
+
+def test_in_gusts_a_new_wind_has_to_be_learnt():
+    gusty = WindParams(MeanWindParams(5.0), 1e-9)
+    body = VehicleParams(), ControlParams(), gusty
+    learnt = airworthiness.wind_margin(*body, [WindParams(gust=1e-9)])
+    push = airworthiness._push(VehicleParams(), WindParams(), gusty)
+    least = airworthiness.wind_margin(*body) + airworthiness._ESTIMATED * push / 4.0
+    assert least < learnt < 1.5 * least
+
+
 def test_wind_upwards_counts_as_lift():
     assert "the air lifts it by 10 m/s^2" in reason_against(wind=WindParams(MeanWindParams(z=10.0)))
     assert reason_against(wind=WindParams(MeanWindParams(z=-5.0))) == ""

@@ -1,16 +1,20 @@
 """Guards of the monitor in flight: pose jumps, leaving the cage, and returning."""
 
-from math import sqrt
+from math import dist, sqrt
 
 import pytest
 from hypothesis import given, strategies as st
 from msgspec.structs import astuple, replace
 
 from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.schemas.params import DynamicsParams, MeanWindParams, SafetyParams, WindParams
+from quadctl.schemas.topics import SETPOINT
+from quadctl.schemas.vehicle import ControlParams, VehicleParams
 from quadctl.services.airspace import stopping
 from quadctl.services.airspace.cage import why_outside
 from quadctl.services.airspace.stopping import StoppingLaw, soonest_stop
 from tests.support.monitor_rig import INSIDE, ONE_UP, OTHER, OUTSIDE, STILL, Rig
+from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, periods
 from tests.support.worlds import POSE
 
 CAGE = CageSize(5.0, 4.0, 2.0)
@@ -217,6 +221,62 @@ def test_the_widest_law_since_the_boot_is_the_one_that_counts():
     assert rig.monitor.stop == slow
     rig.at(ONE_UP, boot="b2")
     assert rig.monitor.stop == before
+
+
+def test_a_change_of_wind_counts_from_each_one_of_the_last_seconds():
+    def blow(rig: Rig, x: float) -> float:
+        rig.monitor.set_vehicle(VehicleParams(), ControlParams(), WindParams(MeanWindParams(x)))
+        return rig.monitor.margin
+
+    def turned(*winds: float, pause: int = 0) -> float:
+        rig = Rig().hovering()
+        for x in winds:
+            margin = blow(rig, x)
+            for _ in range(pause):
+                rig.at(ONE_UP)
+        # A new boot begins in the wind that blows.
+        rig.at(ONE_UP, boot="b2")
+        assert rig.monitor.margin == blow(Rig().hovering(), winds[-1])
+        assert blow(rig, winds[-1]) == rig.monitor.margin
+        return margin
+
+    at_once, apart = turned(-5.0, 5.0), turned(-5.0, 0.0, 5.0, pause=3)
+    assert turned(-5.0, 0.0, 5.0) == turned(-5.0, *(-5 + x / 9 for x in range(90)), 5.0) == at_once
+    assert turned(-5.0) == apart < at_once
+
+
+def blowing(x: float, gust: float) -> DynamicsParams:
+    return DynamicsParams(wind=WindParams(MeanWindParams(x), gust))
+
+
+@pytest.mark.parametrize("steps", [(8.0,), (0.0, 8.0), (5.0,)], ids=str)
+@pytest.mark.parametrize("gust", [0.0, 0.02])
+def test_a_wind_that_turns_round_stops_no_flight_at_a_wall(steps: tuple[float, ...], gust: float):
+    params = blowing(-steps[-1], gust)
+    flown = MonitoredVehicle(SafetyParams(takeoff=0.0), Position(4.95, 0.0, 2.0), body=params)
+    rig, worst = flown.monitor, 0.0
+
+    def fly(seconds: float) -> None:
+        nonlocal worst
+        for _ in periods(seconds):
+            flown.see()
+            flown.obey()
+            for _ in range(LOOKS):
+                flown.advance()
+                worst = max(worst, dist(flown.vehicle.position, flown.vehicle.setpoint))
+
+    flown.see()
+    assert rig.goto(Position(5.0, 0.0, 2.0)) == ""
+    fly(2.0)
+    worst = 0.0
+    for x in steps:
+        params = blowing(x, gust)
+        flown.vehicle.configure(params)
+        rig.set_vehicle(params.vehicle, params.control, params.wind)
+        fly(1 / SETPOINT.hz)
+    fly(2.0)
+    assert rig.situation.reason == ""
+    assert worst < rig.margin
 
 
 def test_a_flight_inside_the_cage_is_not_disturbed():

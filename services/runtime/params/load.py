@@ -68,10 +68,7 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
     A running vehicle may be in a wind that it cannot hold: without `in_wind` it is judged in still
     air.
     """
-    try:
-        params = converted(table, Params)
-    except msgspec.ValidationError as error:
-        raise _explain(str(error), source) from error
+    params = _typed(table, source)
     dynamics = params.dynamics
     wind = dynamics.wind if in_wind else WindParams()
     if why := airworthiness.why_not(dynamics.vehicle, dynamics.control, wind):
@@ -92,6 +89,13 @@ def check(table: Mapping[str, Any], source: str, *, in_wind: bool = True) -> Par
     if not (dynamics.unproven or "dynamics" in params.processes):
         _check_guards(params.safety, dynamics, wind, source)
     return params
+
+
+def _typed(table: Mapping[str, Any], source: str) -> Params:
+    try:
+        return converted(table, Params)
+    except msgspec.ValidationError as error:
+        raise _explain(str(error), source) from error
 
 
 def check_range(params: Params, wind: WindParams, source: str) -> None:
@@ -223,8 +227,8 @@ def launch_lines(section: Struct, like: Struct | None = None) -> Iterator[str]:
 
 MOST = 200
 """Vehicles in one run. With 300, a hub learns their endpoints too slowly for the start's time."""
-_GRID = 2.0
-"""Metres between two vehicles at the start."""
+_GRID, _RADII = 2.0, 2.2
+"""Metres between two vehicles at the start, and radii of their separation, if that is more."""
 _SHARED = ("hub", "supervise", "processes", "dynamics.speed", "dynamics.lockstep")
 """Parameters that all vehicles of a run share."""
 
@@ -279,8 +283,9 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _common(table: dict[str, Any], source: str, vehicles: Sequence[str]) -> Params:
+    # Whether it flies is known with the vehicle's own values only.
     try:
-        return check(table, source)
+        return _typed(table, source)
     except Invalid as problem:
         stray = next((name for name in table if name not in Params.__struct_fields__), "")
         own = table.get(stray)
@@ -313,6 +318,7 @@ def _place(common: Mapping[str, Any], number: int, count: int) -> dict[str, Any]
     rows = -(-count // columns)
     row, column = divmod(number, columns)
     start, seed = common["dynamics"]["start"], common["dynamics"]["seed"]
-    x = start["x"] + _GRID * (column - (columns - 1) / 2)
-    y = start["y"] + _GRID * (row - (rows - 1) / 2)
+    grid = max(_GRID, _RADII * common["safety"]["separation"]["radius"])
+    x = start["x"] + grid * (column - (columns - 1) / 2)
+    y = start["y"] + grid * (row - (rows - 1) / 2)
     return {"dynamics": {"start": {"x": x, "y": y}, "seed": (seed + number) % 2**31}}

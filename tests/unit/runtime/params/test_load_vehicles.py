@@ -43,6 +43,20 @@ def test_vehicles_start_two_metres_apart_around_the_start(count: int):
     assert all(abs(x - 7) <= side / 2 and abs(y) <= side / 2 for x, y in starts)
 
 
+def test_vehicles_start_farther_apart_than_they_have_to_keep():
+    wide = load.load_vehicles(None, ["safety.separation.radius=1.5"], ["uav0", "uav1"])
+    first, second = (params.dynamics.start for params in wide.values())
+    assert second.x - first.x > 3.0
+
+
+def test_common_values_that_no_vehicle_flies_with_are_not_judged():
+    slow = [f"uav{n}.dynamics.control.max_speed=1" for n in range(2)]
+    fleet = load.load_vehicles(None, ["safety.max_speed=3", *slow], ["uav0", "uav1"])
+    assert {params.safety.max_speed for params in fleet.values()} == {3.0}
+    with pytest.raises(Invalid, match=r"safety\.max_speed: 3 m/s is less than"):
+        load.load_vehicles(None, ["safety.max_speed=3", slow[0]], ["uav0", "uav1"])
+
+
 def test_each_vehicle_has_its_own_seed():
     seeds = [
         p.dynamics.seed for p in load.load_vehicles(None, ["dynamics.seed=8"], ["a", "b"]).values()

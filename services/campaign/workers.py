@@ -70,7 +70,7 @@ class Worker:
         except BrokenPipeError:
             pass  # reported below, by the missing line
         line = self._popen.stdout.readline()
-        if not line:
+        if not line.endswith(b"\n"):  # it ended before the line, or in the middle of it
             code = self._popen.wait()
             raise QuadctlError(f"a campaign worker ended with code {code}", "see its error above")
         return from_json(line, list[Flown])
@@ -88,10 +88,10 @@ class WorkerPool:
         self._jobs = iter(jobs)
         self._on_flown = on_flown
         self._lock = threading.Lock()
-        self.problem: QuadctlError | None = None
+        self.problem: Exception | None = None
 
     def fly(self, workers: list[Worker]) -> None:
-        """Fly all jobs; raise QuadctlError if a worker exits."""
+        """Fly all jobs; raise QuadctlError if a worker exits, and any error of a thread."""
         threads = [threading.Thread(target=self._serve, args=(each,)) for each in workers]
         for thread in threads:
             thread.start()
@@ -110,7 +110,7 @@ class WorkerPool:
                 flown = worker.fly(job)
                 with self._lock:
                     self._on_flown(flown)
-            except QuadctlError as problem:
+            except Exception as problem:  # noqa: BLE001 - raised by `fly`
                 self.problem = problem
                 return
 

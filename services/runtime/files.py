@@ -121,7 +121,7 @@ def write_whole(path: Path, data: bytes) -> None:
                 out.flush()
                 os.fsync(out.fileno())
             fresh.replace(target)
-        except OSError:
+        except BaseException:  # also a Ctrl-C
             fresh.unlink(missing_ok=True)
             raise
 
@@ -161,7 +161,7 @@ def write_new(path: Path, text: str) -> None:
         try:
             out.write(text)
             out.flush()
-        except OSError:
+        except BaseException:
             path.unlink(missing_ok=True)
             raise
 

@@ -189,7 +189,6 @@ def write_atomically(path: "Path", data: bytes) -> None:
     try:
         fresh.write_bytes(data)
         fresh.replace(path)
-    except OSError:
-        # On a full disk the file was created, but not its content.
+    except BaseException:  # also a Ctrl-C
         fresh.unlink(missing_ok=True)
         raise

@@ -167,7 +167,7 @@ def _write(path: Path, data: bytes) -> None:
             with os.fdopen(os.open(fresh, only_new, 0o600), "wb") as file:
                 file.write(data)
             fresh.replace(path)
-        except OSError:
+        except BaseException:  # also a Ctrl-C, which would leave a secret key
             fresh.unlink(missing_ok=True)
             raise
     if sys.platform != "win32":

@@ -3,6 +3,7 @@
 import os
 import resource
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.files import read_text, write_new, write_whole
+from quadctl.services.runtime.realm import write_atomically
+from quadctl.services.runtime.security import authority
 from tests.support.running import eventually
 
 
@@ -63,6 +66,23 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(Invalid, match="No space left"):
         write_whole(file, b"new")
+    assert file.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("write", [write_whole, write_atomically, authority._write])
+def test_ctrl_c_leaves_the_old_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[Path, bytes], None]
+):
+    file = tmp_path / "quad.toml"
+    file.write_bytes(b"old")
+
+    def interrupted(_self: Path, _target: Path) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(file, b"new")
     assert file.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [file]
 

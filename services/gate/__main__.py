@@ -5,6 +5,7 @@ what strangers do interrupts the network at most, but not the flight.
 """
 
 import time
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from quadctl.schemas.params import Params
@@ -31,6 +32,10 @@ class Gate:
 
     _door: "Door | None" = None
 
+    @cached_property
+    def _names(self) -> NameList:
+        return NameList(self._identity.folder)
+
     def open(self, address: Address, params: Params, realm: Realm) -> Session:
         """Open the first router, and then the door; raises as router.open_gate and Door."""
         listen, self._join = secure(params.hub.listen), secure(params.hub.connect)
@@ -43,12 +48,11 @@ class Gate:
 
             self._door = Door(self._tls, self._identity, realm.folder / "door")
         self._address, self._others = address, dict[int, Session]()
-        self._names = NameList(self._identity.folder)
-        names = self._names.changed() or []
+        names = self._names.known
         self._groups, self._met = self._known(names)
         port = free_port()
         inner = [self._door.inner(port)] if self._door else []
-        self._first = router.open_gate(address, [*inner, *self._quic], self._join)
+        self._first = router.open_gate(address, [*inner, *self._quic], self._join, names)
         if self._door:
             self._door.admit(names)
             self._door.open(port)
@@ -108,7 +112,9 @@ class Gate:
         for port in self._others.keys() - door.ports():
             self._others.pop(port).close()
         port = free_port()
-        self._others[port] = router.open_gate(self._address, [door.inner(port)], [])
+        self._others[port] = router.open_gate(
+            self._address, [door.inner(port)], [], self._names.known
+        )
         door.open(port)
 
 

@@ -4,6 +4,7 @@ import os
 import socket
 import struct
 import sys
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from quadctl.services.runtime.security import endpoints
 
 if TYPE_CHECKING:
     from quadctl.schemas.params import Params
+    from quadctl.services.runtime.security.identity import Name
 
 Session = zenoh.Session
 LOOKS = 2.0
@@ -76,10 +78,12 @@ def open_router(address: Address, params: "Params", realm: Realm) -> Session:
     return _opened(config, ", ".join(listen) or "the hub")
 
 
-def open_gate(address: Address, listen: Sequence[str], join: Sequence[str]) -> Session:
+def open_gate(
+    address: Address, listen: Sequence[str], join: Sequence[str], names: "Sequence[Name]"
+) -> Session:
     """Open the encrypted side of the hub: a separate router, a process away from the vehicle.
 
-    It passes what the roles allow. Raises UsageError if the hub has no identity or Unix socket.
+    It passes what the roles of the names allow. Raises UsageError if the hub has no identity or Unix socket.
     """
     from quadctl.services.runtime.security import access_control
 
@@ -96,7 +100,7 @@ def open_gate(address: Address, listen: Sequence[str], join: Sequence[str]) -> S
     link["tls"] = who.tls()
     link["tx"]["lease"] = session.LEASE_AFAR_MS
     protocol = address.endpoint.partition("/")[0]
-    config["access_control"] = access_control.rules(who, protocol)
+    config["access_control"] = access_control.access_control(names, time.time(), protocol)
     return _opened(config, ", ".join(listen) or "the gate")
 
 

@@ -6,9 +6,7 @@ covers all of the message's, so a denial of `uav/input/position` would miss a me
 """
 
 import hashlib
-import time
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 from quadctl.schemas.roles import EVERY, ROLES, Right, Rights, Role, patterns, rights_of
@@ -164,12 +162,3 @@ def identity_for(endpoints: Sequence[str]) -> Identity:
             "`quadctl keys issue hub field` makes one",
         )
     return identity
-
-
-def rules(identity: Identity, link: str) -> dict[str, Any]:
-    """Return Zenoh's access control for the current list of names; `link` is our hub's protocol."""
-    from quadctl.services.runtime.security import (
-        registry,  # imports cryptography, which takes 60 ms
-    )
-
-    return access_control(registry.load(Path(identity.folder)), time.time(), link)

@@ -1,5 +1,6 @@
 """Names of a fleet: issued, listed, revoked."""
 
+import logging
 import re
 import shutil
 import time
@@ -20,6 +21,7 @@ from quadctl.services.runtime.security.authority import Authority, hosts_here
 from quadctl.services.runtime.security.identity import ABOUT, Name
 
 LIST = "names.json"
+_log = logging.getLogger(__name__)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
@@ -129,18 +131,27 @@ class Registry:
 
 
 class NameList:
-    """List of names in a folder, read again when its file changes."""
+    """List of names in a folder, read again and again.
+
+    While its file cannot be read, e.g. as it is just copied there, the last list stays in force.
+    """
 
     def __init__(self, folder: str) -> None:
-        self._folder, self._seen = Path(folder), b""
+        """Read the list; raises as `load`."""
+        self._folder = Path(folder)
+        self.known, self._is_readable = load(self._folder), True
 
     def changed(self) -> list[Name] | None:
-        """Return the list at first and after each change, else None; raises as `load`."""
+        """Return the list after each change, else None."""
         try:
-            now = (self._folder / LIST).read_bytes()
-        except FileNotFoundError:
-            now = b""
-        if now == self._seen:
+            now = load(self._folder)
+        except QuadctlError as problem:
+            if self._is_readable:
+                _log.warning("%s; the last list stays in force. %s", problem.message, problem.hint)
+            self._is_readable = False
             return None
-        self._seen = now
-        return load(self._folder)
+        self._is_readable = True
+        if now == self.known:
+            return None
+        self.known = now
+        return now

@@ -13,7 +13,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from quadctl.schemas.roles import ROLES
 from quadctl.services.runtime.errors import Invalid, NotAllowed, UsageError
 from quadctl.services.runtime.security import registry
-from quadctl.services.runtime.security.access_control import identity_for, rules
+from quadctl.services.runtime.security.access_control import access_control, identity_for
 from quadctl.services.runtime.security.identity import VARIABLE, Identity, current, needed
 from quadctl.services.runtime.security.registry import NameList, Registry
 
@@ -74,7 +74,7 @@ def test_every_hubs_folder_has_the_list_of_names(folder: Path):
     fleet.issue("operator", {"anna": ["*"]}, 1, [])
     fleet.issue("hub", {"field": ["*"], "uav7": ["uav7"]}, 1, [])
     names = NameList(str(folder / "field"))
-    assert [name.name for name in names.changed() or []] == ["anna", "field", "uav7"]
+    assert [name.name for name in names.known] == ["anna", "field", "uav7"]
     assert names.changed() is None
     for place in (folder, folder / "field", folder / "uav7"):
         assert [name.name for name in registry.load(place)] == ["anna", "field", "uav7"]
@@ -82,6 +82,29 @@ def test_every_hubs_folder_has_the_list_of_names(folder: Path):
     assert [name.name for name in names.changed() or []] == ["field", "uav7"]
     assert [name.name for name in registry.load(folder / "field")] == ["field", "uav7"]
     assert not (folder / "anna").exists()
+
+
+def test_a_list_that_cannot_be_read_changes_nothing_and_is_logged_once(
+    folder: Path, caplog: pytest.LogCaptureFixture
+):
+    fleet, file = Registry(folder), folder / "names.json"
+    fleet.issue("operator", {"anna": ["*"], "tim": ["*"]}, 1, [])
+    with pytest.raises(UsageError, match="is not there"):
+        NameList(str(folder / "nowhere"))
+    names = NameList(str(folder))
+    fleet.revoke("tim")
+    assert [name.name for name in names.changed() or []] == ["anna"]
+    whole = file.read_bytes()
+    for partial in (b"", whole[:9], whole[:-3]):
+        file.write_bytes(partial)
+        assert names.changed() is None
+    file.unlink()
+    assert names.changed() is None
+    assert [name.name for name in names.known] == ["anna"]
+    (message,) = caplog.messages
+    assert "is not a list of names" in message
+    file.write_bytes(whole.replace(b"anna", b"hans"))
+    assert [name.name for name in names.changed() or []] == ["hans"]
 
 
 def test_a_new_certificate_revokes_the_old_one(folder: Path):
@@ -125,7 +148,8 @@ def test_the_identity_comes_from_the_environment(folder: Path, monkeypatch: pyte
     with pytest.raises(UsageError, match="needs the identity of a hub"):
         identity_for(["tls/x:1"])
     monkeypatch.setenv(VARIABLE, str(folder / "field"))
-    made = rules(identity_for(["tls/x:1"]), "unixsock-stream")
+    assert identity_for(["tls/x:1"]).name.role == "hub"
+    made = access_control(fleet.names(), time.time(), "unixsock-stream")
     assert {subject["id"] for subject in made["subjects"]} == {"own", *(f"{r} of *" for r in ROLES)}
 
 

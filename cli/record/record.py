@@ -54,6 +54,7 @@ class Recorder:
         command += [word for key in keys for word in ("--key", key)]
         command += ["--duration", repr(duration)] if duration is not None else []
         self._file = file
+        self._last: dict[str, Any] = {"file": str(file), "lost": 0, "connected": True}
         # A separate session: Ctrl-C reaches only this command, which passes it on. When this
         # process is killed, its end of stdin closes and the recorder ends too.
         # Until its handler is there it takes no Ctrl-C, which would end its imports.
@@ -86,16 +87,33 @@ class Recorder:
                 self._process.wait(_PATIENCE)
                 kind = WIRE_ERRORS.get(facts["code"], QuadctlError)
                 raise kind(facts["message"], facts["hint"])
+            self._last = facts
             yield facts
             if facts["state"] == "done":
                 return
         code = self._process.wait(_PATIENCE)
         if code == _CTRL_C:  # that came before it had begun
             sys.exit(code)
+        if code == 0:  # nobody read its last report: we were suspended, or a Ctrl-C came with it
+            yield self._last | self._written()
+            return
         hint = "see its lines above"
         if self._file.exists():
             hint = f"`quadctl bag repair {self._file}` recovers what it has recorded"
         raise QuadctlError(f"the recorder ended before its file was complete (exit {code})", hint)
+
+    def _written(self) -> dict[str, Any]:
+        """Return the part of the last report that the complete file has."""
+        from quadctl.services.runtime.recording import reader
+
+        found = reader.facts(self._file)
+        return {
+            "state": "done",
+            "seconds": found.seconds,
+            "messages": found.messages,
+            "keys": len({key.key for key in found.keys if not key.derived}),
+            "bytes": found.bytes,
+        }
 
     def stop(self) -> None:
         """Signal it to complete its file and end; kill it after _PATIENCE."""

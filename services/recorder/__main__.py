@@ -40,9 +40,17 @@ class Attendant:
         threading.Thread(target=self._watch, daemon=True).start()
 
     def send(self, facts: dict[str, object]) -> None:
-        """Print the facts; drop them if the command has ended or does not read."""
-        with contextlib.suppress(BrokenPipeError, BlockingIOError):
-            os.write(1, msgspec.json.encode(facts) + b"\n")
+        """Print the facts; drop them if the command has ended or does not read, the last ones late."""
+        until = time.monotonic() + (0.0 if facts["state"] == "recording" else _LAST_WORD)
+        with contextlib.suppress(BrokenPipeError):
+            while True:
+                try:
+                    os.write(1, msgspec.json.encode(facts) + b"\n")
+                except BlockingIOError:
+                    if time.monotonic() < until:
+                        time.sleep(_PAUSE)
+                        continue
+                return
 
     def send_failure(self, problem: QuadctlError) -> None:
         """Print why the recording failed."""
@@ -61,6 +69,8 @@ _FLUSHES = 4.0
 _AT_ONCE, _PAUSE = 100, 0.001
 """Messages per batch, and the pause (s) after it in which the thread that receives gets the GIL."""
 _HUB_WAIT = 5.0
+_LAST_WORD = 5.0
+"""Seconds for the last facts: the command may be suspended, and its pipe full. It kills us after 10."""
 _EVERYTHING = ("**", "*/@call/**")
 
 Send = Callable[[dict[str, object]], None]

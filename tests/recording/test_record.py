@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from quadctl.services.runtime.recording.reader import Bag
 from tests.support.bare import pack
 from tests.support.lab import PATIENT, Lab, private_lab
-from tests.support.running import Foreground, alive, eventually
+from tests.support.running import Foreground, alive, eventually, is_frozen
 
 BURST = 20_000
 
@@ -277,6 +277,23 @@ def test_a_ctrl_c_while_the_recorder_starts_leaves_nothing_or_a_whole_file(modul
         assert (code, file.exists()) in {(130, False), (0, True)}, run.log
         assert "Traceback" not in run.log
         assert code or Bag(file).problem == ""
+
+
+def test_a_recording_is_complete_though_nobody_read_its_last_report(module_lab: Lab):
+    file = module_lab.folder / "no_report.mcap"
+    run = recording(module_lab, "-o", file, "--json")
+    recorder = recorder_of(run)
+    with Path(f"/proc/{recorder}/fd/1").open("rb") as pipe:
+        run.send(signal.SIGSTOP)
+        eventually(lambda: is_frozen(run.pid))
+        os.kill(recorder, signal.SIGINT)
+        assert pipe.read(), "instead of the command"
+        run.send(signal.SIGCONT)
+    assert run.wait() == 0, run.log
+    last = json.loads(run.log.splitlines()[-1])
+    there = [message for message in Bag(file).messages() if not message.derived]
+    assert (last["state"], last["messages"]) == ("done", len(there))
+    assert last["keys"] == len({message.key for message in there})
 
 
 @pytest.mark.thorough

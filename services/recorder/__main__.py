@@ -163,7 +163,12 @@ def _record(
     node: Node, recording: Recording, tap: RecorderSubscriber, send: Send, end: float
 ) -> None:
     for count, now in enumerate(node.ticks(_FLUSHES)):
+        left_out = recording.left_out
         _write(recording, tap)
+        if recording.left_out > left_out == 0:
+            node.log.warning(
+                "messages of further keys are not recorded: the file has no room for more"
+            )
         if tap.lost > recording.lost:
             node.log.warning("%d messages were lost: no room to buffer them", tap.lost)
         recording.lost = tap.lost

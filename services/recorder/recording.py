@@ -31,6 +31,11 @@ class Recording:
             path.unlink(missing_ok=True)
             raise QuadctlError(f"{path}: {error.strerror}", "make room on its disk") from error
 
+    @property
+    def left_out(self) -> int:
+        """Return how many messages are not recorded: the file has no room for more keys."""
+        return self._bag.left_out
+
     def take(self, messages: Iterable[RawMessage]) -> None:
         """Buffer messages until the next `flush`."""
         for message in messages:
@@ -86,7 +91,7 @@ class Recording:
             "messages": bag.messages,
             "keys": len(bag.keys),
             "bytes": bag.size,
-            "lost": self.lost,
+            "lost": self.lost + self.left_out,
             "connected": self.connected,
         }
 

@@ -78,6 +78,8 @@ ENCODING, PACKED, DERIVED = "zenoh_encoding", "packed", "derived"
 """Keys of a channel's metadata: encoding on the bus, MessagePack there, made only for viewers."""
 _CHUNK = 4 << 20
 """Bytes after which a chunk ends without a flush."""
+MOST_CHANNELS = 65_000
+"""Channels of messages of the bus, with numbers of 16 bits; those for viewers come on top."""
 
 
 class _ChunkIndices:
@@ -118,11 +120,14 @@ class _ChunkIndices:
 
 
 class BagWriter:
-    """Writer of one recording; counts the `messages` of the bus and collects their `keys`."""
+    """Writer of one recording; counts the `messages` of the bus and collects their `keys`.
+
+    `left_out` counts the messages of keys for which the file has no channel left.
+    """
 
     def __init__(self, out: Outfile, folder: Path) -> None:
         """Write to a file in `folder`, where its index waits for the end; raises OSError."""
-        self.messages = 0
+        self.messages = self.left_out = 0
         self.keys: set[str] = set()
         self._out = out
         self._mcap = Writer(out, chunk_size=_CHUNK)  # type: ignore[arg-type] # all it calls is there
@@ -144,15 +149,17 @@ class BagWriter:
         self._mcap.add_metadata(name, values)
 
     def add(self, raw: RawMessage) -> Stored:
-        """Write a message of the bus; returns its stored form."""
+        """Write a message of the bus, if there is a channel for it; returns its stored form."""
         key, encoding = raw.key, raw.encoding
-        form = self._forms.get((key, encoding))
-        if form is None:
-            form = self._forms[key, encoding] = Form(key, encoding)
+        form = self._forms.get((key, encoding)) or Form(key, encoding)
         stored = form.stored(raw.payload)
         kind = (key, encoding, stored.encoding, stored.type, stored.packed)
         channel = self._channels.get(kind)
         if channel is None:
+            if len(self._channels) >= MOST_CHANNELS:
+                self.left_out += 1
+                return stored
+            self._forms[key, encoding] = form
             channel = self._channels[kind] = self._bus_channel(key, encoding, stored)
         self._mcap.add_message(channel, raw.at, stored.data, raw.published or raw.at)
         self.messages += 1

@@ -17,6 +17,7 @@ from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.recorder.recording import Recording
 from quadctl.services.runtime import procfs
 from quadctl.services.runtime.errors import Invalid, QuadctlError
+from quadctl.services.runtime.recording import writer
 from quadctl.services.runtime.recording.reader import Bag
 from quadctl.services.runtime.recording.writer import Outfile
 from tests.support.bags import flight, pose, raw_message, state, write
@@ -72,6 +73,20 @@ def test_a_recording_on_a_full_disk_stops_with_a_hint(tmp_path):
     there = [m.payload for m in Bag(recording.path).messages() if not m.derived]
     assert there == [each.payload for each in sent[: kept[-1]]]
     assert kept[-1]
+
+
+def test_keys_beyond_the_most_of_a_file_are_counted_and_the_others_go_on(tmp_path, monkeypatch):
+    monkeypatch.setattr(writer, "MOST_CHANNELS", 3)
+    recording = Recording(tmp_path / "r.mcap", {})
+    sent = [
+        raw_message(f"own/{number % 5}", b"%d" % number, 0.0, "text/plain") for number in range(20)
+    ]
+    recording.take(sent)
+    recording.end()
+    there = [m.payload for m in Bag(recording.path).messages()]
+    assert there == [each.payload for number, each in enumerate(sent) if number % 5 < 3]
+    facts = recording.facts("done")
+    assert (facts["messages"], facts["keys"], facts["lost"]) == (12, 3, 8)
 
 
 def test_without_space_for_the_header_no_file_is_created(tmp_path):

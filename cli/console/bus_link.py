@@ -1,6 +1,7 @@
 """The bus connection of the console: one per vehicle, restored after each loss."""
 
 import contextlib
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -21,6 +22,7 @@ T = TypeVar("T")
 _AGAIN = 0.5  # s between two attempts to reach a run that is gone
 _LOOK = 1.0  # s between two looks at the nodes; the parameters are read half as often
 _BACKLOG = 100
+_log = logging.getLogger(__name__)
 
 
 class Link:
@@ -46,12 +48,12 @@ class Link:
     @property
     def client(self) -> Client:
         """Return the connection for a call; raise Unreachable while there is none."""
-        if self._client is None:
+        if (client := self._client) is None:
             raise Unreachable(
                 f"not connected: {self._board.problem or 'connecting'}",
                 "the console reconnects by itself",
             )
-        return self._client
+        return client
 
     def read_parameters(self) -> None:
         """Read the parameters of all nodes now; raise if a node does not answer."""
@@ -69,11 +71,13 @@ class Link:
                     options.realm, self.vehicle, connect=options.connect, timeout=options.timeout
                 ) as client:
                     self._listen(client)
-            except QuadctlError as problem:
+            except Exception as problem:  # noqa: BLE001 - the page shows it; the next attempt may do
                 self._client = None
+                if not isinstance(problem, QuadctlError):
+                    _log.exception("the connection of the console has failed")
                 nodes = self._processes()
                 with self._lock:
-                    self._board.problem, self._board.nodes = problem.message, nodes
+                    self._board.problem, self._board.nodes = str(problem), nodes
             time.sleep(_AGAIN)
 
     def _listen(self, client: Client) -> None:

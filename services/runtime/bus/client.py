@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self, TypeVar
 
@@ -158,8 +159,8 @@ _BACKLOG = 10_000
 """Messages kept for a slow reader; beyond, the oldest are dropped."""
 
 _lost: list["Client"] = []
-"""Clients whose hub has died, kept referenced on purpose: to close one, or to collect its
-declarations, blocks for a second."""
+"""Clients whose hub was gone, until the next one is there: with a frozen hub to close one, or to
+collect its declarations, blocks for seconds."""
 
 
 P = ParamSpec("P")
@@ -198,6 +199,9 @@ class Client:
         self._hub = HubConnection(self._session, None if connect else self.realm)
         self._held: list[object] = []
         self._own: set[str] = set()
+        with suppress(IndexError):  # several threads may connect at a time
+            while True:
+                close(_lost.pop()._session)  # noqa: SLF001 - of the same class
 
     def __enter__(self) -> Self:
         return self

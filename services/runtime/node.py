@@ -253,7 +253,7 @@ class Node:
 
     def advance_sim_time(self, boot: str, stamp: float) -> None:
         """Set the simulated time to `stamp` (s) of `boot` and execute the calls that are due."""
-        self._schedule.advance(boot, stamp, time.time())
+        self._schedule.advance(boot, stamp, time.monotonic())
 
     @property
     def is_first(self) -> bool:

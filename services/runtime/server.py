@@ -36,7 +36,7 @@ _REPEATS = 8
 class ScheduledCall(NamedTuple):
     """Call that waits for its simulated time.
 
-    `at` is in simulated s of `boot`, `deadline` in Unix s. `settle` is called once: with None to
+    `at` is in simulated s of `boot`, `deadline` in monotonic s. `settle` is called once: with None to
     execute and answer the call, else with the error that answers it.
     """
 
@@ -98,7 +98,7 @@ class Schedule:
             self._forget_settled()
 
     def advance(self, boot: str, stamp: float, now: float) -> None:
-        """Set the time to `stamp` of `boot`, `now` in Unix s, and settle the calls that are due.
+        """Set the time to `stamp` of `boot`, `now` in monotonic s, and settle the calls that are due.
 
         They are settled in the order of their times, equal ones in the order of their arrival. A
         time before that of the last call changes nothing: a node's own loop may be behind.
@@ -272,7 +272,9 @@ class Server(Generic[Q, R]):
                 f"{_AT_ONCE} calls are already waiting for this time, {at:g} s",
                 "schedule the next ones for later",
             )
-        self._schedule.schedule(ScheduledCall(call.boot, at, call.deadline, settle))
+        # The clock may be set while the call waits.
+        deadline = time.monotonic() + call.deadline - time.time()
+        self._schedule.schedule(ScheduledCall(call.boot, at, deadline, settle))
         self._together[period] += 1
         self._held[call.id] = [query]
 

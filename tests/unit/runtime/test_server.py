@@ -339,6 +339,16 @@ def test_a_call_for_a_past_time_or_boot_is_not_executed():
     assert bench.executed == []
 
 
+@pytest.mark.parametrize(("later", "kind"), [(900, "ok"), (1100, "error")])
+def test_a_clock_that_is_set_changes_no_deadline_of_a_call_that_waits(later: float, kind: str):
+    bench = Bench()
+    bench.schedule.advance("b", 1.0, 0.0)
+    held: Any = Query(call=Call("a", time.time() + 1000, at=2.0))
+    bench.server.answer(held)
+    bench.schedule.advance("b", 2.0, time.monotonic() + later)
+    assert [answer for answer, _ in held.replies] == [kind]
+
+
 @pytest.mark.parametrize(
     ("limit", "step", "reason"),
     [("MOST", 1.0, "already waiting"), ("_AT_ONCE", 0.0, "for this time, 2 s")],

@@ -106,6 +106,8 @@ class Executor:
         self.stopping = False
         self.busy_since = time.monotonic()
         """When the loop last began to do something, monotonic s; 0 while it waits."""
+        self.is_ready = False
+        """True once its node may be called: before that, nobody waits for an answer."""
 
     def run_inline(self, item: Item) -> None:
         """Run `item` on this thread if the loop is idle, else enqueue it.
@@ -254,6 +256,7 @@ _BLOCKED = 2.0
 """Seconds after which a handler counts as blocked; a supervisor then restarts its process."""
 HAS_BLOCKED = "has not returned for"
 """Words about a handler or loop that blocks, by which its line in a log is found."""
+_NOT_YET = f"is still running after {_BLOCKED:g} s: the node is not ready yet"
 _OURS = os.path.dirname(os.path.dirname(__file__))  # noqa: PTH120 - pathlib is slow
 _NOT_THEIRS = tuple({sysconfig.get_path(name) for name in ("stdlib", "platlib", "purelib")})
 
@@ -340,7 +343,8 @@ class MultiNodeExecutor:
                 if since and since != named and time.monotonic() > since + _BLOCKED:
                     named = since
                     place = _place(sys._current_frames().get(thread))  # noqa: SLF001 - the only way
-                    warn(f"{place} {HAS_BLOCKED} {_BLOCKED:g} s: nothing else is answered")
+                    blocks = f"{HAS_BLOCKED} {_BLOCKED:g} s: nothing else is answered"
+                    warn(f"{place} {blocks if loop.is_ready else _NOT_YET}")
 
     def _run_node(self, run: Callable[[], None]) -> None:
         try:

@@ -283,7 +283,7 @@ class Node:
             if not self._followed:
                 self.listen(POSE_SLOW, lambda _pose: None)
             self.wait_for(lambda: bool(self._schedule.now[0]), FIRST_POSE)
-        self._ready = True
+        self._ready = self.executor.is_ready = True
         self._announce()
         key = keyexpr.node_key(self.vehicle, self.name)
         self._declared.append(self._session.liveliness().declare_token(key))

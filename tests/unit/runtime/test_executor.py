@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
+from quadctl.services.runtime import executor
 from quadctl.services.runtime.executor import CallbackQueue, Executor, Item, MultiNodeExecutor
+from tests.support.running import eventually
 
 
 class Nodes:
@@ -256,6 +258,27 @@ def test_inline_work_waits_for_a_running_callback(asleep: SleepingExecutor):
     end.set()
     asleep.settle()
     assert done == [1, 2]
+
+
+def test_a_loop_counts_as_blocked_only_when_its_node_may_be_called(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setattr(executor, "_BLOCKED", 0.05)
+    monkeypatch.setattr(executor, "LOOK_UP", 0.01)
+    both, warnings = MultiNodeExecutor(single=True), list[str]()
+    loop = both.new_executor()
+
+    def run() -> None:
+        eventually(lambda: len(warnings) == 1)
+        loop.is_ready = True
+        loop.serve_waiting()
+        eventually(lambda: len(warnings) == 2)
+
+    both.add_node(loop, run)
+    both.watch(warnings.append)
+    both.run()
+    assert [executor.HAS_BLOCKED in warning for warning in warnings] == [False, True]
+    assert "the node is not ready yet" in warnings[0]
 
 
 def test_before_the_first_sleep_inline_work_is_queued():

@@ -90,13 +90,14 @@ def unpacked(handin: HandIn, own: Path) -> Path:
 
 
 def _home(files: list[PurePosixPath]) -> PurePosixPath | None:
-    """Return the outermost folder with quad.toml, else with a node of the template; None without either."""
-    homes = {file.parent for file in files if file.name == LAB}
-    homes = homes or {file.parent for file in files if file.name in SOURCES}
-    if not homes:
+    """Return the outermost folder with a lab; of several as far out the one with quad.toml; None without any."""
+    labs = {
+        (len(file.parts), file.name != LAB, str(file.parent)) for file in files if is_lab(file.name)
+    }
+    if not labs:
         return None
-    depth = min(len(home.parts) for home in homes)
-    outermost = sorted(str(home) for home in homes if len(home.parts) == depth)
+    first = min(labs)[:2]
+    outermost = sorted(home for *rank, home in labs if (*rank,) == first)
     _require_one(outermost, "labs", "hand in one; grade a class's export by itself")
     return PurePosixPath(outermost[0])
 
@@ -137,6 +138,7 @@ class _Copy:
             name = entry.name if members is None else members.get(entry.name)
             if name is None:
                 continue
+            name = encodable(name)
             self._place(_checked(name), is_folder=entry.kind == "folder")
             path = target / name
             if entry.kind == "folder":
@@ -145,7 +147,7 @@ class _Copy:
             path.parent.mkdir(0o700, parents=True, exist_ok=True)
             files.append(PurePosixPath(name))
             if entry.kind == "link":
-                links[path] = _target(entry)
+                links[path] = encodable(_target(entry))
             elif entry.kind == "file":
                 self._write(entry, path)
             else:
@@ -215,8 +217,8 @@ def _checked(name: str) -> str:
 
 
 def encodable(text: str) -> str:
-    """Return a text without what UTF-8 lacks: bytes of a name that were none of its own."""
-    return text.encode(errors="replace").decode()
+    """Return a text with escapes for what UTF-8 lacks, so that two names stay different."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def _shown(name: str) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from quadctl.cli.lab import archives, handin
-from quadctl.cli.lab.handin import HandIn, nodes_in, unpacked
+from quadctl.cli.lab.handin import HandIn, encodable, nodes_in, unpacked
 from quadctl.services.runtime.errors import Invalid
 from tests.support.archives import (
     LAB,
@@ -97,6 +97,8 @@ TAKEN: dict[str, tuple[str, bytes]] = {
     "one file": ("my_safety.py", SOURCE),
     "one file in a zip": ("a.zip", zipped({"my_safety.py": SOURCE})),
     "a copy further in": ("a.zip", zipped(LAB | below("old"))),
+    "another quad.toml further in": ("a.zip", zipped({"my_safety.py": SOURCE} | below("old", LAB | {"my_safety.py": b""}))),
+    "a node beside it": ("a.zip", zipped(below("lab") | {"old/my_safety.py": b""})),
     "environment around a lab": ("a.zip", zipped(below("lab", LAB | {"pyvenv.cfg": b""}))),
 }  # fmt: skip
 
@@ -145,6 +147,17 @@ def test_names_of_other_encodings_are_those_that_the_student_gave(tmp_path: Path
     for number, (data, name) in enumerate([(marked, "ü"), (unmarked, "ü"), (dos, "ü.")]):
         copy = copied(written(tmp_path / f"{number}.zip", data), tmp_path / str(number))
         assert copy.name == name
+
+
+def test_names_without_an_encoding_are_copied_as_different_ones(tmp_path: Path):
+    names = [os.fsdecode(name) for name in (b"\xe4", b"\xf6")]
+    own = folder(tmp_path / names[0], LAB | dict.fromkeys(names, b"x"))
+    (own / "link").symlink_to(names[1])
+    copy = copied(own, tmp_path / "own")
+    assert {path.name for path in copy.iterdir()} == {*LAB, "link", "\\udce4", "\\udcf6"}
+    assert (copy / "link").read_bytes() == b"x"
+    inside = copied(written(tmp_path / "a.tar", tarred(below(names[0]))), tmp_path / "two")
+    assert inside.name == encodable(names[0]) != encodable(names[1])
 
 
 def test_only_the_members_of_an_export_are_copied(tmp_path: Path):

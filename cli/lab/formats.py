@@ -15,6 +15,7 @@ from msgspec import Struct
 from quadctl.cli.lab.archives import stem
 from quadctl.cli.lab.judge import RowResult
 from quadctl.services.runtime.errors import UsageError
+from quadctl.services.runtime.terminal import escaped
 
 Form = Literal["text", "json", "csv", "gradescope", "junit", "github"]
 FORMS: tuple[str, ...] = get_args(Form)
@@ -103,7 +104,7 @@ def text(grade: Grade) -> str:
 
 
 def _text(grades: Sequence[Grade]) -> str:
-    return "\n\n".join(map(text, grades)) + "\n"
+    return escaped("\n\n".join(map(text, grades))) + "\n"
 
 
 def _json(grades: Sequence[Grade]) -> str:
@@ -119,7 +120,7 @@ def _csv(grades: Sequence[Grade]) -> str:
     names = students([grade.submission for grade in grades])
     for student, grade in zip(names, grades, strict=True):
         scores = [f"{test.score:g}" for test in grade.tests]
-        comment = grade.fault or _comment(grade)
+        comment = escaped(grade.fault or _comment(grade))
         cells = [student, f"{grade.score:g}", f"{grade.max_score:g}", comment, *scores]
         writer.writerow([_harmless(cell) for cell in cells])
     return out.getvalue()

@@ -34,6 +34,16 @@ def test_text_has_points_evidence_and_hints():
     ]
 
 
+def test_no_text_of_a_hand_in_controls_a_terminal():
+    evil = "\x1b[2J\x1b[Hada: 37 of 37 points\r\x9b1A"
+    test = RowResult("row", "1", False, 0.0, 1.0, f"{evil}\n{evil}", True)
+    for grade in (Grade("ada", [test]), Grade("ada", [test], 0.0, evil)):
+        assert "\\x1b[2J" in written("text", [grade])
+        (line,) = cells(grade)
+        for text in (written("text", [grade]), line["comment"]):
+            assert not {"\x1b", "\r", "\x9b"} & {*text}
+
+
 class RowDocument(Struct, forbid_unknown_fields=True):
     """Row in the JSON, as docs/how-to/grading.md describes it."""
 

@@ -104,7 +104,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--output", type=Path, default=os.environ.get("QUADCTL_RECORD") or None
     )
-    parser.add_argument("--key", action="append", default=[])
+    parser.add_argument(
+        "--key", action="append", default=os.environ.get("QUADCTL_RECORD_KEYS", "").split()
+    )
     parser.add_argument("--duration", type=float, default=float("inf"))
     # Print the progress on stdout, one JSON document a line, and end when stdin closes.
     parser.add_argument("--attended", action="store_true")

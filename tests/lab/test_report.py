@@ -86,6 +86,30 @@ def test_what_does_not_fit_the_class_is_refused(lab: Lab, words: str, code: int,
     assert "  try: " in done.err
 
 
+@pytest.mark.thorough
+def test_a_recording_has_the_declared_topics_and_nothing_of_a_students_own(lab: Lab):
+    mine = write("completed", lab.folder)
+    source = mine / "my_safety.py"
+    text = source.read_text("utf-8")
+    for old, new in (
+        (
+            "        self.take_off()\n        node",
+            "        self.node = node\n        self.take_off()\n        node",
+        ),
+        (
+            "        self.setpoints.put(",
+            "        self.node._session.put('uav/own/x', b'x')\n        self.setpoints.put(",
+        ),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    source.write_text(text, "utf-8")
+    grade(lab, mine, "--rubric", lab.file(ONE, "rubric.toml"))
+    info = lab.quadctl("bag", "info", "out/completed/flight.mcap", "--json").json
+    keys = {each["key"] for each in info["keys"] if not each["derived"]}
+    assert keys == {"uav/input/position", "uav/pose", "uav/pose/slow", "uav/safety/state"}
+
+
 SEES = """
 import os, sys
 print("SEES", os.path.exists({secret!r}), os.environ.get("SECRET"), flush=True)

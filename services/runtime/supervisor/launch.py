@@ -15,6 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from quadctl.schemas.params import Params
+from quadctl.schemas.topics import TOPICS
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.session import (
     LEASE_PATIENT_MS,
@@ -32,6 +33,7 @@ from quadctl.services.runtime.security import endpoints
 from quadctl.services.runtime.supervisor import logs
 
 _ATTEMPTS = 100
+_DECLARED = [topic.key("*") for topic in TOPICS]
 _PATIENCE = 2 * LEASE_PATIENT_MS / 1000
 
 
@@ -128,6 +130,8 @@ class Launch(Struct, frozen=True):
             "QUADCTL_RESTARTS": str(restarts),
             "QUADCTL_SUPERVISED": "1",
             "QUADCTL_RECORD": self.record,
+            # Below own/ a guarded node publishes what it likes, and would fill the disk.
+            "QUADCTL_RECORD_KEYS": " ".join(_DECLARED) if self.guarded else "",
             "QUADCTL_INSECURE": "1" if self.insecure else "",
             # Children may run in another folder.
             "QUADCTL_IDENTITY": str(Path(identity).absolute()) if identity else "",

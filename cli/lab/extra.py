@@ -66,6 +66,8 @@ def replies(row: RubricRow, flown: FlownMission) -> RowVerdict:
     *_, (step, reply, problem) = (o for o in flown.outcomes if isinstance(o.step, CallStep))
     if problem is not None:
         return RowVerdict(False, f"{step}: {problem.message}")
+    if not isinstance(reply, dict):
+        return RowVerdict(False, f"{step}: the reply is {reply!r}, and has no fields")
     for name, value in row.reply.items():
         found = reply.get(name)
         numbers = not isinstance(value, bool | str) and isinstance(found, int | float)

@@ -5,9 +5,9 @@ import os
 import re
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from pathlib import Path, PurePath
+from pathlib import Path
 from random import Random
 from secrets import token_hex
 from textwrap import dedent
@@ -16,6 +16,7 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
+from quadctl.cli.lab.causes import last_cause
 from quadctl.cli.lab.extra import prints
 from quadctl.cli.lab.flown import TIME_TO_ARRIVE, FlownMission, Outcome, Witness
 from quadctl.cli.lab.rubric import RowVerdict, Rubric, RubricRow
@@ -92,8 +93,6 @@ def log_of(node: str) -> str:
 
 
 NOT_FLOWN = "not flown: the time for this hand-in is over (--wall)"
-_COPY = re.compile(r"(?:|/.*/quadctl-lab-[^/]+/root/\d+)/handin/(.+)")
-"""File of a hand-in as its own nodes see it: in namespaces, or in the grader's temporary folder."""
 
 
 def fly(
@@ -229,7 +228,7 @@ def _with_cause(message: str, folder: Path) -> str:
     if not first.endswith(_LAST_LINES):
         return message
     written = [line for line in dedent("\n".join(lines)).splitlines() if line.strip()]
-    cause = last_error(written, folder) or (written[-1] if written else "it ends, and logs nothing")
+    cause = last_cause(written, folder) or (written[-1] if written else "it ends, and logs nothing")
     return "\n".join((f"{first.removesuffix(_LAST_LINES)}: {cause}", *lines))
 
 
@@ -254,39 +253,14 @@ def _fly_row(
         )
         why = node.explained(problem)
         return RowResult.without_flight(row, why), node.blocked() or silent
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # A hand-in may answer anything, and its other rows are flown.
+        what = f"{type(error).__name__}: {error}"
+        why = f"not judged: an answer of {row.about} is not as our own node's: {what}"
+        return RowResult.without_flight(row, why), ""
     if not verdict.ok and (crash := node.crash()):
         return RowResult.without_flight(row, crash), ""
     return RowResult.of(row, verdict), "" if verdict.ok else node.blocked()
-
-
-_FRAME = re.compile(r'\s+File "(.+)", line (\d+)')
-_ERROR = re.compile(r"[A-Za-z_][\w.]*(:|$)")
-
-
-def last_error(lines: Iterable[str], folder: Path) -> str:
-    """Return the error of the last traceback, with its place in the hand-in; empty without one."""
-    found, places = "", list[tuple[str, str]]()
-    for line in lines:
-        if frame := _FRAME.match(line):
-            places.append((frame[1], frame[2]))
-        elif places and line[:1].strip():
-            # Lines of the source are indented.
-            if _ERROR.match(line):
-                found = f"{line} ({_place(places, folder)})"
-            places = []
-    return found
-
-
-def _place(places: Sequence[tuple[str, str]], folder: Path) -> str:
-    """Return the innermost place in a file of the student, else the innermost one."""
-    for file, line in reversed(places):
-        if copied := _COPY.fullmatch(file):
-            return f"{copied[1]}, line {line}"
-        for parent in (folder, folder.resolve()):
-            if PurePath(file).is_relative_to(parent):
-                return f"{PurePath(file).relative_to(parent).as_posix()}, line {line}"
-    file, line = places[-1]
-    return f"{PurePath(file).name}, line {line}"
 
 
 class _StudentNode:
@@ -329,7 +303,7 @@ class _StudentNode:
         if blocked := self.blocked():
             return "\n".join((blocked, *self._last_lines()))
         ended = self._how_it_ended()
-        until = time.monotonic() + (_LOGGED if ended == _UNCAUGHT else 0)
+        until = time.monotonic() + (_LOGGED if ended in _EXPLAINED else 0)
         while not (cause := self._error()) and time.monotonic() < until:
             time.sleep(_LOOK)
         cause = cause or ended
@@ -390,7 +364,7 @@ class _StudentNode:
         return False
 
     def _error(self) -> str:
-        return last_error(self._lines(), self._folder)
+        return last_cause(self._lines(), self._folder)
 
     def _how_it_ended(self) -> str:
         """Return the exit code or signal of the last end, as the supervisor has logged it."""
@@ -415,8 +389,8 @@ class _StudentNode:
         return data[begin:] if begin <= len(data) else data
 
 
-_UNCAUGHT = "exit 1"
-"""End of a process by an error that it did not catch, and so wrote a traceback."""
+_EXPLAINED = {"exit 1", "exit 137"}
+"""Ends of a process by an error that it did not catch, or by a limit: its log has a traceback, or the limit."""
 _LOGGED = 2.0
 """Seconds until a line that a node has printed is in its log."""
 _MOST_LOGGED = 1_000_000

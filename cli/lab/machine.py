@@ -28,6 +28,8 @@ _TRIAL = 30.0
 """Seconds that it may take."""
 _CONTROL = Path("/sys/fs/cgroup")
 """Control groups, version 2."""
+KILLED = "killed by its limit: "
+"""Beginning of a node's last line if it has exceeded a limit."""
 _ENDING = 2.0
 """Seconds until killed processes have ended."""
 
@@ -129,8 +131,9 @@ class Machine(Struct, frozen=True):
             "path": os.pathsep.join((sysconfig.get_path("scripts"), os.defpath)),
             "memory": limits.memory,
             "disk": limits.disk,
+            "killed": KILLED,
             "processes": limits.processes,
-            "seconds": round(limits.seconds) + 1,
+            "seconds": max(round(limits.seconds), 1),
         }
         file = str(Path(__file__).with_name("sandbox.py"))
         return [sys.executable, "-I", "-S", file, json.dumps(spec), *command]

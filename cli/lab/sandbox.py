@@ -62,7 +62,7 @@ def main(spec: dict[str, Any], command: list[str]) -> int:
     `spec`: means of the machine, `namespaces`, `user` and the version of `landlock`; a control `group` with the
     limits, or an empty text; `folder` with the hand-in, `root` an empty folder in one of the grader, `realm` of the
     run, folders that are `shown`, `hidden` and, for Python's import, `listed`; the search `path`; limits `memory` and
-    `disk` in MB, `seconds` of CPU time, `processes`.
+    `disk` in MB, `seconds` of CPU time, `processes`; `killed`, the beginning of the line on a limit that has ended it.
     """
     group = os.open(spec["group"], os.O_RDONLY) if spec["group"] else None
     user = _stranger() if spec["user"] else os.getuid()
@@ -120,7 +120,8 @@ def _stranger() -> int:
 def _enter_namespaces(root: Path, spec: dict[str, Any], user: int) -> Path:
     """Enter a new root with what it may see; return it. The next child is the first process there."""
     top = _separate(root)
-    _mount("tmpfs", root, "tmpfs", _NOSUID | _NODEV, f"size={spec['disk']}m,mode=755")
+    room = spec["disk"] * _MEGABYTE + _size(Path(spec["folder"]))
+    _mount("tmpfs", root, "tmpfs", _NOSUID | _NODEV, f"size={room},mode=755")
     # An inner folder is there with its outer one.
     for path in sorted(_seen(spec)):
         _show(path, root)
@@ -147,6 +148,12 @@ def _enter_namespaces(root: Path, spec: dict[str, Any], user: int) -> Path:
     _call("pivot_root", _LIBC.pivot_root(b".", b"."))
     _call("umount", _LIBC.umount2(b".", _DETACH))
     return Path("/")
+
+
+def _size(folder: Path) -> int:
+    """Return the bytes that a copy of a folder takes, at least a page for each file."""
+    sizes = (path.lstat().st_size for path in folder.rglob("*"))
+    return sum(size + resource.getpagesize() for size in sizes)
 
 
 def _separate(root: Path) -> int:
@@ -281,6 +288,9 @@ def _become(
         environment |= {
             "PATH": spec["path"],
             "LANG": "C.UTF-8",
+            # NumPy and SciPy each start a thread for each processor of a server: more than the limit.
+            "OMP_NUM_THREADS": "1",
+            "OPENBLAS_NUM_THREADS": "1",
             "HOME": f"{base / 'handin'}",
             "TMPDIR": f"{base / 'tmp'}",
             "XDG_RUNTIME_DIR": f"{base / 'run'}",
@@ -386,12 +396,12 @@ def _wait(child: int, group: int, spec: dict[str, Any]) -> int:
     """Wait for the command's end; the kernel ends all in the group if they take too much memory."""
     before = _killed(group)
     while True:
-        ended, status = os.waitpid(-1, 0)
+        ended, status, used = os.wait4(-1, 0)
         if ended == child:
             break
     if _killed(group) == before:
-        return os.waitstatus_to_exitcode(status) % 256
-    return _ended(f"{spec['memory']} MB of memory")
+        return _exit_code(status, used, spec)
+    return _ended(f"{spec['memory']} MB of memory", spec)
 
 
 def _killed(group: int) -> bytes:
@@ -403,9 +413,9 @@ def _killed(group: int) -> bytes:
 def _watch(child: int, proc: int, members: Callable[[], list[int]], spec: dict[str, Any]) -> int:
     """Wait for the command's end, and end it if it and its processes are too large or too many."""
     while True:
-        ended, status = os.waitpid(-1, os.WNOHANG)
+        ended, status, used = os.wait4(-1, os.WNOHANG)
         if ended == child:
-            return os.waitstatus_to_exitcode(status) % 256
+            return _exit_code(status, used, spec)
         if ended:
             continue
         pids = members()
@@ -416,12 +426,21 @@ def _watch(child: int, proc: int, members: Callable[[], list[int]], spec: dict[s
             too_much = f"{spec['processes']} processes"
         if too_much:
             os.kill(child, signal.SIGKILL)
-            return _ended(too_much)
+            return _ended(too_much, spec)
         time.sleep(_LOOK)
 
 
-def _ended(too_much: str) -> int:
-    os.write(2, f"ended: more than {too_much}\n".encode())
+def _exit_code(status: int, used: resource.struct_rusage, spec: dict[str, Any]) -> int:
+    """Return the exit code of a command; print the limit if the kernel has ended it for its time."""
+    code, seconds = os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime
+    # Two clocks of the kernel, which differ a little.
+    if code == -signal.SIGKILL and seconds > 0.9 * spec["seconds"]:
+        return _ended(f"{spec['seconds']} s of processor time", spec)
+    return code % 256
+
+
+def _ended(limit: str, spec: dict[str, Any]) -> int:
+    os.write(2, f"{spec['killed']}{limit}\n".encode())
     return 128 + signal.SIGKILL
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from quadctl.cli.lab import grading
-from quadctl.cli.lab.judge import last_error
+from quadctl.cli.lab.causes import last_cause
+from quadctl.cli.lab.machine import KILLED
 from tests.support.handins import ARRIVES, GOAL_AHEAD, ROWS, graded, write
 from tests.support.lab import Lab
 
@@ -79,6 +80,57 @@ def test_a_handler_that_blocks_is_named_and_waited_for_twice(lab: Lab):
 
 
 @pytest.mark.thorough
+def test_a_crash_after_a_slow_start_is_no_blocked_loop(lab: Lab):
+    handin = broken(
+        lab.folder,
+        "        goal = Position(",
+        "        import os; os._exit(3)\n        goal = Position(",
+    )
+    file = handin / "my_safety.py"
+    slow = "        import time; time.sleep(2.6)\n        self.take_off()\n        node."
+    text = file.read_text("utf-8").replace("        self.take_off()\n        node.", slow)
+    file.write_text(text, "utf-8")
+    found = graded(lab, handin, "--rubric", lab.file(GOAL_AHEAD, "own.toml"))["completed"]
+    assert found["1"].splitlines()[0] == "safety crashed: exit 3"
+
+
+@pytest.mark.thorough
+def test_a_limit_that_ends_a_node_is_the_first_line(lab: Lab):
+    handin = broken(
+        lab.folder,
+        "        goal = Position(request.x",
+        "        import hashlib, threading\n"
+        "        spin = lambda: [hashlib.sha256(bytes(1 << 20)) for _ in iter(int, 1)]\n"
+        "        threading.Thread(target=spin, daemon=True).start()\n"
+        "        goal = Position(request.x",
+    )
+    rubric = lab.file(GOAL_AHEAD.replace("9.0", "900.0"), "own.toml")
+    found = graded(lab, handin, "--rubric", rubric, "--seconds", 3)["completed"]
+    cause = "killed by its limit: 3 s of processor time"
+    assert found["1"].splitlines() == [f"safety crashed: {cause}", f"safety: {cause}"]
+
+
+ODD = """
+from quadctl.schemas.services import GetParamsResponse
+from quadctl.services.runtime.params.live import LiveParams
+odd = [GetParamsResponse({})]
+def get(self, request, before=LiveParams.get):
+    return odd.pop() if odd else before(self, request)
+LiveParams.get = get
+"""
+"""First answer about the parameters that names none of them."""
+
+
+@pytest.mark.thorough
+def test_an_answer_that_ours_does_not_give_costs_its_row_only(lab: Lab):
+    handin = broken(lab.folder, "\nclass Safety", f"{ODD}\nclass Safety")
+    rows = GOAL_AHEAD + GOAL_AHEAD.replace("flies", "flies again")
+    found = graded(lab, handin, "--rubric", lab.file(rows, "own.toml"))["completed"]
+    why = "not judged: an answer of safety is not as our own node's: KeyError: 'safety.cage_on'"
+    assert found == {"1": why}
+
+
+@pytest.mark.thorough
 def test_a_wrong_reply_names_its_handler(lab: Lab):
     handin = broken(lab.folder, "        return ToggleCageResponse(True)\n", "")
     row = (
@@ -142,8 +194,9 @@ quadctl.errors.Invalid
             "SyntaxError: invalid syntax (sub/a.py, line 111)",
         ),
         (IN_OURS, "KeyError: 'x' (my_safety.py, line 9)"),
+        (f"{IN_OURS}{KILLED}64 MB of memory", f"{KILLED}64 MB of memory"),
         (CHAINED, "quadctl.errors.Invalid (b.py, line 2)"),
     ],
 )
-def test_the_last_error_of_a_log_has_its_place_in_the_hand_in(log: str, error: str):
-    assert last_error(log.splitlines(), Path("/mine")) == error
+def test_the_last_cause_in_a_log_has_its_place_in_the_hand_in(log: str, error: str):
+    assert last_cause(log.splitlines(), Path("/mine")) == error

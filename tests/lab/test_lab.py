@@ -297,7 +297,7 @@ def test_what_is_not_its_own_a_hand_in_does_in_vain(lab: Lab):
         r"safety published \d{5} messages on safety/state until [\d.]+ s: 20 a second are expected",
         found["floods_states"]["1"],
     ), found["floods_states"]
-    assert "ended: more than 1024 MB of memory" in found["hides_memory"]["1"]
+    assert "safety crashed: killed by its limit: 1024 MB of memory" in found["hides_memory"]["1"]
 
 
 STEERS = {
@@ -360,7 +360,7 @@ def test_a_hand_in_with_all_its_processes_leaves_a_neighbour_his(lab: Lab):
     try:
         # The kernel does not count root's: a machine without other users ends what has too many.
         eventually(lambda: first.log)
-        assert first.log in {"full\n", "ended: more than 32 processes\n"}
+        assert first.log in {"full\n", "killed by its limit: 32 processes\n"}
         second = lab.run(sandboxed(STARTS), timeout=20)
         assert (second.out, second.err) == ("started\n", "")
     finally:

@@ -246,8 +246,34 @@ def test_a_node_with_too_much_memory_is_ended(
     with used.control_group(limits) as group:
         words = [sys.executable, "-S", "-c", code, word]
         done = lab.run(shut_in(lab, used, *words, limits=limits, group=group), 60)
-    assert (done.code, done.err) == (137, "ended: more than 100 MB of memory\n")
+    assert (done.code, done.err) == (137, "killed by its limit: 100 MB of memory\n")
     assert not group or not Path(group).exists()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("machine", [OPEN, pytest.param(None, marks=pytest.mark.needs("sandbox"))])
+def test_a_node_that_has_used_its_time_is_ended(
+    lab: Lab, machine: Machine | None, complete: Machine
+):
+    words = [sys.executable, "-S", "-c", "while True: pass"]
+    done = lab.run(shut_in(lab, machine or complete, *words, limits=Limits(seconds=1)), 60)
+    assert (done.code, done.err) == (137, "killed by its limit: 1 s of processor time\n")
+
+
+WRITES = """
+for name in "abc":
+    open(name, "wb").write(bytes(1 << 19))
+    print(name)
+"""
+
+
+@pytest.mark.needs("sandbox")
+def test_a_node_has_room_for_its_limit_beside_a_large_hand_in(lab: Lab, complete: Machine):
+    words, limits = [sys.executable, "-S", "-c", WRITES], Limits(disk=1)
+    done = lab.run(shut_in(lab, complete, *words, limits=limits, files="x" * (3 << 20)))
+    # A little of the disk is taken by its folders.
+    assert done.out.startswith("a\n")
+    assert done.err.endswith("OSError: [Errno 28] No space left on device\n")
 
 
 @pytest.mark.parametrize("machine", [OPEN, pytest.param(None, marks=pytest.mark.needs("sandbox"))])
@@ -265,7 +291,8 @@ def test_a_node_has_an_environment_of_its_own(lab: Lab, machine: Machine | None,
     )
     found = done.json
     assert {*found} == {
-        "HOME", "LANG", "PATH", "QUADCTL_NODE", "QUADCTL_REALM", "TMPDIR", "XDG_RUNTIME_DIR"
+        "HOME", "LANG", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "PATH", "QUADCTL_NODE",
+        "QUADCTL_REALM", "TMPDIR", "XDG_RUNTIME_DIR",
     }, done.err  # fmt: skip
     assert "/mine" not in "".join(found.values())
     assert found["LANG"] == "C.UTF-8"

@@ -242,9 +242,10 @@ def test_a_printed_line_counts_in_whatever_form_its_numbers_are(logged: str, hol
         ({"baseline": 1015}, "the reply's baseline is 1015, not 1013.1"),
         ({"baseline": True}, "the reply's baseline is True, not 1013.1"),
         ({}, "the reply's baseline is None, not 1013.1"),
+        ([1013.1], "the reply is [1013.1], and has no fields"),
     ],
 )
-def test_the_fields_of_an_own_services_reply_are_compared(reply: dict[str, Any], output: str):
+def test_the_fields_of_an_own_services_reply_are_compared(reply: Any, output: str):
     outcomes = [Outcome(CallStep(4.0, "own/calibrate"), reply, None)]
     row = RubricRow("r", "replies", reply={"baseline": 1013.1}, within=1.0)
     verdict = judge(row, FLOWN._replace(outcomes=outcomes))

@@ -61,8 +61,8 @@ def nodes_in(folder: Path) -> dict[str, list[str]]:
     for name in tables:
         if name not in NODES:
             raise Invalid(
-                f"{file}: processes.{name}: the lab flies its own {name}",
-                f"a hand-in may replace {' and '.join(NODES)}",
+                f"{file}: processes.{name}: a hand-in has only {' and '.join(NODES)}",
+                "remove this process",
             )
     commands = check({"processes": tables}, str(file)).processes
     return {row.name: list(row.command) for row in table(commands) if row.stranger}

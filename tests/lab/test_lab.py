@@ -203,7 +203,10 @@ def test_a_wrong_call_is_refused(lab: Lab, words: str, code: int, error: str):
     ("text", "error"),
     [
         ("", "names no node under [processes]"),
-        ('[processes]\ndynamics = "python x.py"\n', "processes.dynamics: the lab flies its own"),
+        (
+            '[processes]\ndynamics = "python x.py"\n',
+            "processes.dynamics: a hand-in has only safety",
+        ),
         pytest.param(
             '[processes]\nsafety = "nothere x.py"\n',
             "nothere was not found",

@@ -217,8 +217,8 @@ def _checked(name: str) -> str:
 
 
 def encodable(text: str) -> str:
-    """Return a text with escapes for what UTF-8 lacks, so that two names stay different."""
-    return text.encode(errors="backslashreplace").decode()
+    """Return a name on one line, with escapes for what UTF-8 lacks: two names stay different."""
+    return text.replace("\n", "\\n").encode(errors="backslashreplace").decode()
 
 
 def _shown(name: str) -> str:

@@ -6,6 +6,7 @@ python -P -m quadctl.services.recorder -o FILE [--key KEY]... [--duration S] [--
 import argparse
 import contextlib
 import logging
+import math
 import os
 import sys
 import threading
@@ -72,6 +73,8 @@ _HUB_WAIT = 5.0
 _LAST_WORD = 5.0
 """Seconds for the last facts: the command may be suspended, and its pipe full. It kills us after 10."""
 _EVERYTHING = ("**", "*/@call/**")
+_DECLARED, _MOST = tuple(topic.key("*") for topic in TOPICS), 100 << 20
+"""Keys and bytes of the recording of a guarded node, which would fill the disk."""
 
 Send = Callable[[dict[str, object]], None]
 
@@ -104,9 +107,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--output", type=Path, default=os.environ.get("QUADCTL_RECORD") or None
     )
-    parser.add_argument(
-        "--key", action="append", default=os.environ.get("QUADCTL_RECORD_KEYS", "").split()
-    )
+    parser.add_argument("--key", action="append", default=[])
     parser.add_argument("--duration", type=float, default=float("inf"))
     # Print the progress on stdout, one JSON document a line, and end when stdin closes.
     parser.add_argument("--attended", action="store_true")
@@ -149,8 +150,9 @@ def run(options: argparse.Namespace, node: Node, params: Params, send: Send) -> 
         notes["params"] = msgspec.json.encode(params).decode()
     if node.restarted:
         path = _next_free(path)
-    recording = Recording(path, notes)
-    tap = node.tap(tuple(options.key) or _EVERYTHING)
+    little = bool(os.environ.get("QUADCTL_RECORD_LITTLE"))
+    recording = Recording(path, notes, _MOST if little else math.inf)
+    tap = node.tap(tuple(options.key) or (_DECLARED if little else _EVERYTHING))
     for topic in TOPICS:
         if topic.latched:
             tap.request_latched(f"*/{topic.name}")

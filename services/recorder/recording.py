@@ -1,5 +1,6 @@
 """Recording in progress: messages from the bus, and the scene that viewers draw from them."""
 
+import math
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,9 +16,13 @@ from quadctl.services.runtime.recording.writer import BagWriter, Outfile
 class Recording:
     """File of one recording; `flush` and `end` raise QuadctlError if it cannot be written."""
 
-    def __init__(self, path: Path, notes: dict[str, str]) -> None:
-        """Create the file with notes about the run; raises Invalid if it cannot be created."""
+    def __init__(self, path: Path, notes: dict[str, str], most: float = math.inf) -> None:
+        """Create the file with notes about the run; raises Invalid if it cannot be created.
+
+        A file of more than `most` bytes takes no more messages.
+        """
         self.path, self.lost, self.connected = path, 0, True
+        self._most = most
         self._began = time.monotonic()
         self._drawings: dict[str, Drawing] = {}
         with making(path):
@@ -38,7 +43,7 @@ class Recording:
 
     def take(self, messages: Iterable[RawMessage]) -> None:
         """Buffer messages until the next `flush`."""
-        for message in messages:
+        for message in messages if self._bag.size < self._most else ():
             typed = self._bag.add(message).message
             vehicle = message.key.partition("/")[0]
             drawing = self._drawings.get(vehicle)

@@ -15,7 +15,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from quadctl.schemas.params import Params
-from quadctl.schemas.topics import TOPICS
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.session import (
     LEASE_PATIENT_MS,
@@ -33,7 +32,6 @@ from quadctl.services.runtime.security import endpoints
 from quadctl.services.runtime.supervisor import logs
 
 _ATTEMPTS = 100
-_DECLARED = [topic.key("*") for topic in TOPICS]
 _PATIENCE = 2 * LEASE_PATIENT_MS / 1000
 
 
@@ -130,8 +128,7 @@ class Launch(Struct, frozen=True):
             "QUADCTL_RESTARTS": str(restarts),
             "QUADCTL_SUPERVISED": "1",
             "QUADCTL_RECORD": self.record,
-            # Below own/ a guarded node publishes what it likes, and would fill the disk.
-            "QUADCTL_RECORD_KEYS": " ".join(_DECLARED) if self.guarded else "",
+            "QUADCTL_RECORD_LITTLE": "1" if self.guarded else "",
             "QUADCTL_INSECURE": "1" if self.insecure else "",
             # Children may run in another folder.
             "QUADCTL_IDENTITY": str(Path(identity).absolute()) if identity else "",

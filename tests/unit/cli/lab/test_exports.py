@@ -138,10 +138,10 @@ def test_what_is_not_clearly_a_class_is_one_hand_in(name: str, tmp_path: Path):
 
 
 def test_a_student_has_a_name_that_can_be_written(tmp_path: Path):
-    for name in (b"\xfcmit", b"\xf6mit", b"ada"):
+    for name in (b"\xfcmit", b"\xf6mit", b"ada", b"ada\nbob: 37 of 37"):
         folder(tmp_path / "class" / os.fsdecode(name))
     assert [each.name for each in handins_in(tmp_path / "class")] == [
-        f"{tmp_path}/class/ada", f"{tmp_path}/class/\\udcf6mit", f"{tmp_path}/class/\\udcfcmit",
+        f"{tmp_path}/class/ada", f"{tmp_path}/class/ada\\nbob: 37 of 37", f"{tmp_path}/class/\\udcf6mit", f"{tmp_path}/class/\\udcfcmit",
     ]  # fmt: skip
 
 

@@ -89,6 +89,17 @@ def test_keys_beyond_the_most_of_a_file_are_counted_and_the_others_go_on(tmp_pat
     assert (facts["messages"], facts["keys"], facts["lost"]) == (12, 3, 8)
 
 
+def test_a_recording_that_is_large_enough_takes_no_more(tmp_path: Path):
+    recording, sent = Recording(tmp_path / "r.mcap", {}, most=2_000), flight(100)
+    for message in sent:
+        recording.take([message])
+        recording.flush()
+    recording.end()
+    there = [m.payload for m in Bag(recording.path).messages() if not m.derived]
+    assert 0 < len(there) < len(sent)
+    assert there == [each.payload for each in sent[: len(there)]]
+
+
 def test_without_space_for_the_header_no_file_is_created(tmp_path):
     with room_for(20), pytest.raises(QuadctlError, match="File too large"):
         Recording(tmp_path / "r.mcap", {})

@@ -26,7 +26,7 @@ from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.params.load import table_of
 from quadctl.services.runtime.realm import DEFAULT, Realm, default_name, vehicle_name
 from quadctl.services.runtime.security.endpoints import is_secure
-from quadctl.services.runtime.shutdown import ShutdownEvent, interruptible
+from quadctl.services.runtime.shutdown import ShutdownEvent, end_with_supervisor, interruptible
 
 Run = Callable[[Node, Params], None]
 
@@ -61,6 +61,7 @@ def start(
     session in place of the default, again after each ReopenSession. `keeps_time`: see Node. In a
     run, the name in `[processes]` counts in place of `name`, as in a launch file of ROS.
     """
+    end_with_supervisor()
     name = os.environ.get("QUADCTL_NODE") or name
     options = _parse(name)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)

@@ -41,7 +41,7 @@ class ShutdownEvent:
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:
-    """Call `stop` on SIGINT and SIGTERM, and when the supervisor that started us dies."""
+    """Call `stop` on SIGINT and SIGTERM."""
 
     # Set explicitly: a shell's `&` leaves SIGINT ignored, and children inherit that.
     def on_signal(_number: int, _frame: Any) -> None:
@@ -49,9 +49,13 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
+
+
+def end_with_supervisor() -> None:
+    """End this process from here on when the supervisor that started it dies, or has died."""
     if os.environ.get("QUADCTL_SUPERVISED"):
         die_with_parent()
-        threading.Thread(target=_watch_parent, args=(stop,), daemon=True).start()
+        threading.Thread(target=_watch_parent, daemon=True).start()
 
 
 @contextmanager
@@ -76,12 +80,13 @@ def interruptible() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-def _watch_parent(stop: Callable[[], None]) -> None:
+def _watch_parent() -> None:
     # The supervisor holds the other end of our stdin, which closes when the supervisor ends, even
-    # by kill -9, on every platform.
+    # by kill -9, on every platform, and even before die_with_parent() took effect.
     while os.read(0, 1):
         pass
-    stop()
+    # This ends a process at once that has no loop to stop yet, e.g. while it waits for the hub.
+    signal.raise_signal(signal.SIGTERM)
     time.sleep(_LAST_WORDS)
     os._exit(1)
 

@@ -163,6 +163,15 @@ def test_a_frozen_process_does_not_outlive_a_killed_up(lab: Lab):
     shutil.rmtree(lab.home)
 
 
+@pytest.mark.thorough
+def test_nodes_that_wait_for_a_hub_do_not_outlive_a_killed_up(lab: Lab):
+    lab.spawn(*lab.command("up", lab.file('[processes]\nhub = "sleep 99"')))
+    eventually(lambda: len(lab.pids()) == 5 and all(lab.pids()))
+    os.kill(lab.status()["pid"], signal.SIGKILL)
+    eventually(lambda: not lab.processes())
+    shutil.rmtree(lab.home)
+
+
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
 def test_a_run_starts_with_its_standard_streams_closed(lab: Lab, closed: str):
     launched = lab.spawn("sh", "-c", f"exec {shlex.join(lab.command('up', '-d'))} {closed}")

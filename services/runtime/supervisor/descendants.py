@@ -41,7 +41,10 @@ def _sweep(mark: str, number: int) -> tuple[int, int]:
     """Signal as `signal_all`; return the number of those, and of processes that have no mark yet."""
     if sys.platform != "linux":
         return 0, 0
-    count, starting, names = 0, 0, (path.name for path in _PROC.iterdir())
+    try:
+        count, starting, names = 0, 0, os.listdir(_PROC)  # noqa: PTH208 - pathlib is slow
+    except OSError:
+        return 0, 1  # no file is left to look with: look again
     for pid in [int(name) for name in names if name.isdigit() and name != str(os.getpid())]:
         with contextlib.suppress(OSError):
             # The descriptor stays with this process, even if its id is reused.

@@ -1,5 +1,6 @@
 """Supervisor: the loop over a ManagedProcess for each row of the process table."""
 
+import errno
 import signal
 import subprocess
 import time
@@ -64,9 +65,7 @@ class ManagedProcess:
         """
         if self.child is None:
             if self._due is not None and now >= self._due:
-                self._due, self._started, self._began = None, time.time(), time.monotonic()
-                self.life.started(now)
-                self.child = self._spawn(self.process, self.life.restarts)
+                self._start(now)
             return
         if self.child.exit_code() is not None:
             self._reap(now)
@@ -125,6 +124,24 @@ class ManagedProcess:
         lines, self._lines = self._lines, []
         return lines
 
+    def _start(self, now: float) -> None:
+        self._due, self._started, self._began = None, time.time(), time.monotonic()
+        self.life.started(now)
+        try:
+            self.child = self._spawn(self.process, self.life.restarts)
+        except OSError as error:
+            # The machine has no file, process or memory left: the others fly on without this one.
+            then = self._plan(now)
+            self._log(f"{self.process.name} cannot be started ({error.strerror}): {then}")
+
+    def _plan(self, now: float, code: int | None = None) -> str:
+        """Plan the restart after an end that was not asked for, and return it as a clause."""
+        delay = self.life.on_exit(now, code)
+        self._due = None if delay is None else now + delay
+        if self.life.name_taken:
+            return f"another process has its name; retrying every {delay:g} s"
+        return "left down" if delay is None else f"restarting in {delay:g} s"
+
     def _reap(self, now: float) -> None:
         child, stopped, was_taken = self.child, self._kill_at is not None, self.life.name_taken
         if child is None:
@@ -133,19 +150,15 @@ class ManagedProcess:
         child.kill()
         how = child.last_words()
         self.child = self._kill_at = None
-        delay = 0.0 if stopped else self.life.on_exit(now, child.exit_code())
-        self._due = None if delay is None else now + delay
+        self._due = now
+        then = "" if stopped else self._plan(now, child.exit_code())
         if was_taken and self.life.name_taken:
             self._held.clear()
             return
         self._lines += [*self._held, *child.take_lines()]
         self._held.clear()
-        if stopped:
-            return
-        then = "left down" if delay is None else f"restarting in {delay:g} s"
-        if self.life.name_taken:
-            then = f"another process has its name; retrying every {delay:g} s"
-        self._log(f"{self.process.name} ended ({how}): {then}")
+        if not stopped:
+            self._log(f"{self.process.name} ended ({how}): {then}")
 
     def _log(self, line: str) -> None:
         self._lines.append(LogLine(time.time(), "up", line, self.process.name))
@@ -339,7 +352,11 @@ class Supervisor:
             lambda: self._inbox.put(self._wake),
         )
         if self._liveness is not None:
-            child.listen()
+            try:
+                child.listen()
+            except RuntimeError as error:  # no thread is left, as after the last process
+                child.kill()
+                raise OSError(errno.EAGAIN, str(error)) from error
         return child
 
     def _on_ready(self, name: str) -> None:

@@ -1,5 +1,6 @@
 """One managed process, with a stand-in for its child."""
 
+import errno
 from typing import cast
 
 from quadctl.services.runtime.process_table import GRACE, SETTLED, START_TIMEOUT, Process
@@ -42,11 +43,14 @@ class Rig:
 
     def __init__(self, *, must_announce: bool, patience: float = 0.0) -> None:
         self.children: list[FakeChild] = []
+        self.exhausted = False
         self.row = ManagedProcess(
             Process("x", ("x",), must_announce, not must_announce, patience=patience), self.spawn
         )
 
     def spawn(self, _process: Process, _restarts: int) -> Child:
+        if self.exhausted:
+            raise OSError(errno.EMFILE, "Too many open files")
         self.children.append(FakeChild(100 + len(self.children)))
         return cast("Child", self.children[-1])
 
@@ -111,6 +115,23 @@ def test_the_last_lines_of_a_process_come_before_its_end():
     assert rig.turn(0.1) == "restarting"
     assert rig.log_lines() == ["no wings", "x ended (exit 3): restarting in 0 s"]
     assert rig.children[0].done == ["kill"], "its descendants are killed too"
+
+
+def test_a_process_that_cannot_be_started_is_tried_again():
+    rig = Rig(must_announce=True)
+    rig.turn(0.0)
+    rig.children[0].code, rig.exhausted = -9, True
+    assert [rig.turn(0.1), rig.turn(0.2)] == ["restarting"] * 2
+    assert rig.log_lines() == [
+        "x ended (exit -9): restarting in 0 s",
+        "x cannot be started (Too many open files): restarting in 0.1 s",
+    ]
+    rig.exhausted = False
+    rig.turn(0.31)
+    assert rig.row.record().pid == 101
+    rig.children[1].code, rig.exhausted = -9, True
+    assert [rig.turn(now) for now in (1.0, 2.0, 3.0)][-1] == "down"
+    assert rig.log_lines()[-1] == "x cannot be started (Too many open files): left down"
 
 
 def test_a_process_with_patience_may_be_silent_for_longer():

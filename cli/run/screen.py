@@ -4,15 +4,15 @@ Written by hand: a frame takes a tenth of a millisecond, less than with any tabl
 """
 
 import contextlib
-import io
 import os
 import re
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple, Self, TextIO
+from typing import NamedTuple, Self
 
 from quadctl.cli.output import duration
+from quadctl.cli.run.outlet import Outlet
 from quadctl.services.runtime.procfs import stats_of
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -28,22 +28,18 @@ _CLEAR_LINE, _CLEAR_BELOW = "\033[K", "\033[J"
 class Panel:
     """Panel on a terminal without other writers. The cursor rests behind the last line."""
 
-    def __init__(self, terminal: TextIO) -> None:
-        self._terminal = terminal
+    def __init__(self) -> None:
         self._lines: list[str] = []
 
-    def draw(self, above: str, lines: list[str], columns: int) -> None:
-        """Write text above the panel, permanently, and replace the panel's lines.
+    def draw(self, above: str, lines: list[str], columns: int) -> str:
+        """Return what writes text above the panel, permanently, and replaces the panel's lines.
 
         The text is empty or ends with a newline. `columns` is the terminal's width, which may have
-        changed. Raises OSError if the terminal is gone.
+        changed.
         """
-        frame = above + "\n".join(lines)
-        self._terminal.write(
-            self._back(columns) + frame.replace("\n", f"{_CLEAR_LINE}\n") + _CLEAR_BELOW
-        )
-        self._terminal.flush()
-        self._lines = lines
+        frame = (above + "\n".join(lines)).replace("\n", f"{_CLEAR_LINE}\n")
+        back, self._lines = self._back(columns), lines
+        return back + frame + _CLEAR_BELOW
 
     def forget(self) -> None:
         """Draw the next panel at the cursor: others have written to the terminal."""
@@ -145,18 +141,6 @@ def has_colour() -> bool:
     return _is_able() and not os.environ.get("NO_COLOR")
 
 
-def for_lines() -> TextIO:
-    """Return stdout for plain lines; if colour is not wanted, it reports that it is no terminal."""
-    if has_colour() or not sys.stdout.isatty():
-        return sys.stdout
-    return _Uncoloured(sys.stdout.buffer, encoding="utf-8", errors="replace")
-
-
-class _Uncoloured(io.TextIOWrapper):
-    def isatty(self) -> bool:
-        return False
-
-
 def _is_able() -> bool:
     return sys.stdout.isatty() and os.environ.get("TERM", "dumb") != "dumb"
 
@@ -177,7 +161,9 @@ def without_echo() -> Iterator[None]:
     finally:
         # The terminal may be closed by now.
         with contextlib.suppress(termios.error):
-            termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, kept)
+            # TCSAFLUSH would wait for the reader of a terminal that Ctrl-S has stopped.
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+            termios.tcsetattr(sys.stdin, termios.TCSANOW, kept)
 
 
 _EVERY = 1.0
@@ -209,22 +195,21 @@ class Shares:
 
 
 class Screen:
-    """Screen drawn by the supervisor's loop, only when something has changed."""
+    """Screen drawn after a look of the supervisor's loop or a line, if something has changed."""
 
     def __init__(self, launch: Launch) -> None:
         self._launch = launch
         self._colour = has_colour()
-        self._panel = Panel(sys.stdout)
-        self._waiting = _Sheet(self._colour)
-        self.emit = Printer(self._waiting)
-        """Printer of the processes' lines, which the next look shows."""
+        self._panel, self._table = Panel(), list[str]()
+        self._outlet = Outlet(sys.stdout, self._framed)
+        self.emit = Printer(self._outlet.write, colour=self._colour)
+        """Printer of the processes' lines."""
         self._rates: RateProbe | None = None
         self._shares = Shares()
         self._taken = Measurements({}, {}, {})
         self._began = self._looked = time.monotonic()
         self._measured = 0.0
         self._drawn: tuple[list[ProcessRecord], os.terminal_size] | None = None
-        self._gone = False
 
     def __enter__(self) -> Self:
         self._echo = without_echo()
@@ -236,7 +221,8 @@ class Screen:
         try:
             if self._rates is not None:
                 self._rates.close()
-            self._draw([], _size().columns)
+            with self._outlet:
+                self._show([])
         finally:
             self._echo.__exit__(None, None, None)
 
@@ -251,9 +237,9 @@ class Screen:
             self._measured = now
             self._measure(rows, now)
         size = _size()
-        if due or self._waiting.tell() or (rows, size) != self._drawn:
+        if due or (rows, size) != self._drawn:
             self._drawn = rows, size
-            self._draw(self._table(rows, now, size) if is_ours() else [], size.columns)
+            self._show(self._rows(rows, now, size) if is_ours() else [])
 
     def _measure(self, rows: list[ProcessRecord], now: float) -> None:
         if self._rates is None:
@@ -264,7 +250,7 @@ class Screen:
         busy = {pid: each.cpu for pid, each in stats.items() if each.cpu is not None}
         self._taken = Measurements(self._rates.look(), memory, self._shares.look(busy, now))
 
-    def _table(self, rows: list[ProcessRecord], now: float, size: os.terminal_size) -> list[str]:
+    def _rows(self, rows: list[ProcessRecord], now: float, size: os.terminal_size) -> list[str]:
         ready = sum(row.state == "ready" for row in rows)
         head = (
             f"realm {self._launch.realm}: {ready} of {len(rows)} ready,"
@@ -273,32 +259,12 @@ class Screen:
         height = min(len(rows) + 2, size.lines - _LEAVE)
         return lines(head, rows, self._taken, size.columns, height, colour=self._colour)
 
-    def _draw(self, table: list[str], columns: int) -> None:
-        above = self._waiting.take()
-        if self._gone:
-            return
-        try:
-            self._panel.draw(above, table, columns)
-        except OSError:
-            # A closed terminal must not end the run; the log files have every line.
-            self._gone = True
+    def _show(self, table: list[str]) -> None:
+        self._table = table
+        self._outlet.write()
 
-
-class _Sheet(io.StringIO):
-    """Buffer of text for a terminal."""
-
-    def __init__(self, colour: bool) -> None:
-        super().__init__()
-        self._colour = colour
-
-    def isatty(self) -> bool:
-        return self._colour
-
-    def take(self) -> str:
-        text = self.getvalue()
-        self.seek(0)
-        self.truncate()
-        return text
+    def _framed(self, above: str) -> str:
+        return self._panel.draw(above, self._table, _size().columns)
 
 
 def _size() -> os.terminal_size:

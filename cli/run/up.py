@@ -15,7 +15,8 @@ from quadctl.cli.bridge.process import require
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.run.commands import DEFAULT_FILE, status
-from quadctl.cli.run.screen import Screen, for_lines, is_live
+from quadctl.cli.run.outlet import Outlet
+from quadctl.cli.run.screen import Screen, has_colour, is_live
 from quadctl.services.airspace.airworthiness import limited
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.params import load
@@ -24,6 +25,7 @@ from quadctl.services.runtime.realm import DEFAULT, HUB_ALONE
 from quadctl.services.runtime.supervisor import capacity, supervisor as running
 from quadctl.services.runtime.supervisor.daemon import start_in_background as in_background
 from quadctl.services.runtime.supervisor.launch import Launch
+from quadctl.services.runtime.supervisor.logs import Printer
 from quadctl.services.runtime.supervisor.supervisor import Supervisor
 
 Detach = Annotated[bool, Option("Return when all processes are ready.", ("--detach", "-d"))]
@@ -148,7 +150,9 @@ def _watch(launch: Launch) -> int:
     It prints only lines, so --json changes nothing; a terminal shows the processes below them.
     """
     if not is_live():
-        return running.run(launch, for_lines(), _go_on)
+        with Outlet(sys.stdout) as outlet:
+            emit = Printer(outlet.write, colour=has_colour())
+            return running.run(launch, emit, _go_on, lambda _: outlet.check())
     with Screen(launch) as screen:
         return running.run(launch, screen.emit, _go_on, screen.look)
 

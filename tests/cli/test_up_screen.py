@@ -60,6 +60,18 @@ def test_the_live_table_is_below_the_lines_and_gone_after_ctrl_c(lab: Lab, termi
 
 
 @pytest.mark.thorough
+def test_a_stopped_terminal_stops_no_supervision(lab: Lab, terminal: Open):
+    up = terminal()
+    up.until(lambda seen: "4 of 4 ready" in seen)
+    up.press("\x13")  # Ctrl-S
+    lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
+    assert lab.quadctl("down").code == 0
+    assert up.wait() == 0
+    assert up.echoes()
+    assert lab.is_gone()
+
+
+@pytest.mark.thorough
 def test_no_color_and_a_dumb_terminal_are_respected(lab: Lab, terminal: Open):
     up = terminal(NO_COLOR="1")
     up.until(lambda seen: "4 of 4 ready" in seen)

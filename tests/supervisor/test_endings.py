@@ -172,6 +172,24 @@ def test_nodes_that_wait_for_a_hub_do_not_outlive_a_killed_up(lab: Lab):
     shutil.rmtree(lab.home)
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("asked", ["interrupt", "down"])
+def test_a_run_whose_output_nobody_reads_is_supervised_and_ends(lab: Lab, asked: str):
+    os.mkfifo(lab.folder / "pipe")
+    pipe = os.open(lab.folder / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    command = lab.command("up", lab.file('[processes]\nnoisy = "yes"'))
+    run = lab.spawn("sh", "-c", f"exec {shlex.join(command)} > pipe")
+    eventually(lambda: lab.is_ready() and lab.log("noisy").count("y") > 5000)  # a full pipe
+    lab.revived("pressure", lab.signal("pressure", signal.SIGKILL))
+    if asked == "down":
+        assert lab.quadctl("down").code == 0
+    else:
+        run.send(signal.SIGINT)
+    assert run.wait() == (0 if asked == "down" else 130)
+    os.close(pipe)
+    assert lab.is_gone()
+
+
 @pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
 def test_a_run_starts_with_its_standard_streams_closed(lab: Lab, closed: str):
     launched = lab.spawn("sh", "-c", f"exec {shlex.join(lab.command('up', '-d'))} {closed}")

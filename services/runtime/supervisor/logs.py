@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
-from typing import TextIO
 
 from quadctl.services.runtime.terminal import escaped
 
@@ -117,31 +116,20 @@ Emit = Callable[[str, str, float], None]
 
 
 class Printer:
-    """Printer of lines to a text stream, in colour on a terminal."""
+    """Printer of lines by a function that writes a text, in colour if wanted."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._colour = stream, stream.isatty()
+    def __init__(self, write: Callable[[str], object], *, colour: bool) -> None:
+        self._write, self._colour = write, colour
         self._names: dict[str, int] = {}
-        self._reader_left = False
 
     def __call__(self, name: str, line: str, at: float) -> None:
-        """Print one line; raises BrokenPipeError, once, after the reader has closed the pipe."""
+        """Print one line."""
         stamp = f"{time.strftime('%H:%M:%S', time.localtime(at))}.{int(at * 1000) % 1000:03d}"
         head = f"{stamp} {name:8} |"
         if self._colour:
             number = self._names.setdefault(name, len(self._names))
             head = f"\033[{_COLOURS[number % len(_COLOURS)]}m{head}\033[0m"
-        if self._reader_left:
-            return
-        try:
-            self._stream.write(f"{head} {escaped(line)}\n")
-            self._stream.flush()
-        except BrokenPipeError:
-            self._reader_left = True
-            raise
-        except OSError:
-            # A closed terminal or full disk must not end the run: the line or the fault is logged.
-            return
+        self._write(f"{head} {escaped(line)}\n")
 
 
 class Logs:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from queue import Empty, SimpleQueue
-from typing import Any, TextIO
+from typing import Any
 
 from quadctl.services.runtime import (
     entry,  # noqa: F401 - every node imports it: loaded once here for all that are forked
@@ -30,7 +30,7 @@ from quadctl.services.runtime.shutdown import uninterrupted
 from quadctl.services.runtime.supervisor import control, descendants, fork
 from quadctl.services.runtime.supervisor.child import MOST, Child, LogLine
 from quadctl.services.runtime.supervisor.launch import Launch, RunDirectory
-from quadctl.services.runtime.supervisor.logs import Emit, Logs, Printer
+from quadctl.services.runtime.supervisor.logs import Emit, Logs
 from quadctl.services.runtime.supervisor.probes import LivenessProbe
 
 
@@ -411,20 +411,20 @@ class Supervisor:
 
 def run(
     launch: Launch,
-    stream: TextIO | Emit,
+    emit: Emit,
     on_settled: Callable[[Supervisor, str], None],
     on_look: Callable[[Supervisor], None] | None = None,
 ) -> int:
     """Supervise until a signal, remove the run's files, and return the signal's number.
 
-    Log lines go to a text stream or a function. `on_look` is called ten times a second. Raises
+    Log lines go to `emit`. `on_look` is called ten times a second. Raises
     AlreadyServed if the realm is live.
     """
     with ExitStack() as stack:
         # From here on a signal ends the run in order, and none gets lost.
         with uninterrupted():
             home = stack.enter_context(RunDirectory(launch))
-            logs = Logs(home.realm.logs, stream if callable(stream) else Printer(stream))
+            logs = Logs(home.realm.logs, emit)
             supervisor = Supervisor(launch, home, logs)
             supervisor.handle_signals()
         return supervisor.run(

@@ -67,7 +67,7 @@ def test_a_line_is_written_completely_or_not_at_all(tmp_path: Path):
 
 def test_control_characters_of_a_process_are_shown_escaped():
     out = io.StringIO()
-    Printer(out)("mine", "\x1b[2J a\u202eb", 0.0)
+    Printer(out.write, colour=False)("mine", "\x1b[2J a\u202eb", 0.0)
     assert out.getvalue().endswith("| \\x1b[2J a\\u202eb\n")
 
 
@@ -119,42 +119,10 @@ def test_a_removed_folder_is_no_disk_fault(tmp_path: Path):
     assert reported == []
 
 
-class Closed(io.StringIO):
-    """Stream that raises an error at every write."""
-
-    def __init__(self, error: int) -> None:
-        super().__init__()
-        self.error = error
-
-    def write(self, _text: str) -> int:
-        raise OSError(self.error, os.strerror(self.error))
-
-
-def test_a_closed_terminal_or_full_disk_behind_stdout_is_harmless(tmp_path: Path):
-    for error in (errno.EIO, errno.ENOSPC):
-        logs = Logs(tmp_path / "logs", Printer(Closed(error)))
-        logs.show("hub", "said")
-        logs.close()
-    assert (tmp_path / "logs" / "hub.log").read_text() == "said\nsaid\n"
-
-
-def test_a_closed_pipe_raises_only_once(tmp_path: Path):
-    logs = Logs(tmp_path / "logs", Printer(Closed(errno.EPIPE)))
-    with pytest.raises(BrokenPipeError):
-        logs.show("hub", "said")
-    logs.show("hub", "goodbye")
-    logs.close()
-
-
 LINE = r"\d\d:\d\d:\d\d\.\d\d\d "
 
 
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
-
-
-Make = Callable[[io.StringIO], Logs]
+Make = Callable[..., Logs]
 
 
 @pytest.fixture
@@ -162,8 +130,8 @@ def made(tmp_path: Path) -> Iterator[Make]:
     """Yield a function that creates logs, and close them: a run keeps its files open."""
     every: list[Logs] = []
 
-    def make(out: io.StringIO) -> Logs:
-        every.append(Logs(tmp_path / "logs", Printer(out)))
+    def make(out: io.StringIO, *, colour: bool = False) -> Logs:
+        every.append(Logs(tmp_path / "logs", Printer(out.write, colour=colour)))
         return every[-1]
 
     yield make
@@ -182,8 +150,8 @@ def test_a_line_has_time_and_name_and_no_colour_when_piped(made: Make):
 
 
 def test_each_process_has_its_colour_on_a_terminal(made: Make):
-    out = Terminal()
-    logs = made(out)
+    out = io.StringIO()
+    logs = made(out, colour=True)
     for name in ("hub", "safety", "hub"):
         logs.show(name, "said")
     colours = re.findall(r"\x1b\[(\d\d)m", out.getvalue())
@@ -193,8 +161,8 @@ def test_each_process_has_its_colour_on_a_terminal(made: Make):
 
 
 def test_colours_repeat_with_many_processes(made: Make):
-    out = Terminal()
-    logs = made(out)
+    out = io.StringIO()
+    logs = made(out, colour=True)
     for number in range(20):
         logs.show(f"node{number}", "said")
     assert len(out.getvalue().splitlines()) == 20

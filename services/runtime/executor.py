@@ -69,10 +69,10 @@ class Outbox:
 
     def flush(self) -> None:
         """Run all items; another thread that flushes waits, so that none overtakes another."""
-        if self._items:
-            with self._flushing:
-                while self._items:
-                    self._items.popleft()()
+        # Even if there is none: another thread may be just running the last one.
+        with self._flushing:
+            while self._items:
+                self._items.popleft()()
 
 
 _BURST = 50

@@ -1,6 +1,7 @@
 """Realm: one isolated run of the system, and its folder."""
 
 import contextlib
+import errno
 import os
 import stat
 import sys
@@ -125,13 +126,22 @@ class Realm:
             self.folder.rmdir()
 
     def _remove(self, chosen: Callable[["Path"], bool]) -> None:
-        import shutil
-
         for path in filter(chosen, self.folder.iterdir()):
             if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path)
+                _remove_tree(path)
             else:
                 path.unlink(missing_ok=True)
+
+
+def _remove_tree(path: "Path") -> None:
+    import shutil
+
+    try:
+        shutil.rmtree(path)
+    except OSError as error:
+        if error.errno != errno.ENOTEMPTY:
+            raise
+        _remove_tree(path)  # a request to restart a node came into it meanwhile
 
 
 def spare_folder(name: str) -> "Path":

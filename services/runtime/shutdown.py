@@ -13,6 +13,9 @@ from typing import Any
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _LAST_WORDS = 1.0
 """Seconds that an orphan has to end by itself before it is ended."""
+_ENDING = {
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+}
 
 
 class ShutdownEvent:
@@ -60,14 +63,14 @@ def end_with_supervisor() -> None:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Delay Ctrl-C until the block is done, where the system allows it.
+    """Delay signals that end a process until the block is done, where the system allows it.
 
     An interrupted block would leave traces that look like those of another process.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
     try:
         yield
     finally:
@@ -75,9 +78,9 @@ def uninterrupted() -> Iterator[None]:
 
 
 def interruptible() -> None:
-    """Take a Ctrl-C from here on; the command that became this process delayed it, if any did."""
+    """Take signals from here on; the command that became this process delayed them, if any did."""
     if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
 
 def _watch_parent() -> None:

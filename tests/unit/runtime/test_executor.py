@@ -11,7 +11,13 @@ from typing import Any
 import pytest
 
 from quadctl.services.runtime import executor
-from quadctl.services.runtime.executor import CallbackQueue, Executor, Item, MultiNodeExecutor
+from quadctl.services.runtime.executor import (
+    CallbackQueue,
+    Executor,
+    Item,
+    MultiNodeExecutor,
+    Outbox,
+)
 from tests.support.running import eventually
 
 
@@ -168,6 +174,31 @@ def test_deferred_work_runs_in_order_when_a_node_flushes_it():
 
     Nodes(run).executor.run()
     assert done == [1, 2, 3]
+
+
+def test_a_flush_waits_for_the_work_that_another_thread_has_begun():
+    outbox, begun, may_end = Outbox(), threading.Event(), threading.Event()
+    done: list[str] = []
+
+    def publish() -> None:
+        begun.set()
+        may_end.wait(5.0)
+        done.append("published")
+
+    def reply() -> None:
+        outbox.flush()
+        done.append("replied")
+
+    outbox.add(publish)
+    threads = [threading.Thread(target=outbox.flush), threading.Thread(target=reply)]
+    threads[0].start()
+    begun.wait(5.0)
+    threads[1].start()
+    threads[1].join(0.05)  # by then a reply that overtakes has been given
+    may_end.set()
+    for thread in threads:
+        thread.join(5.0)
+    assert done == ["published", "replied"]
 
 
 def test_a_single_node_defers_nothing():

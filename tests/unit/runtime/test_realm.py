@@ -4,6 +4,7 @@ import os
 import resource
 import stat
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -182,6 +183,25 @@ def test_remove_leaves_nothing(root: Path):
     realm.logs.mkdir()
     (realm.logs / "hub.log").write_text("x")
     realm.remove()
+    assert not realm.folder.exists()
+
+
+def test_a_request_that_arrives_during_the_removal_is_removed(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+):
+    realm = Realm("lab")
+    realm.create()
+    realm.restart_requests.mkdir()
+    removes = os.rmdir
+
+    def late(*place: Any, **more: Any) -> None:
+        patched.undo()
+        (realm.restart_requests / "hub").touch()
+        removes(*place, **more)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "rmdir", late)
+        realm.remove()
     assert not realm.folder.exists()
 
 

@@ -19,8 +19,9 @@ def ensure() -> None:
         except OSError:
             # This number is the lowest free one, so it is taken.
             os.open(os.devnull, os.O_RDWR)
-    sys.stdout = sys.stdout or _nowhere()
-    sys.stderr = sys.stderr or _nowhere()
+    # These numbers and no others: a node that is forked from us gets its own streams there.
+    sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8")
+    sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8")
 
 
 def _nowhere() -> TextIO:

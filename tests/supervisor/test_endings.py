@@ -196,6 +196,7 @@ def test_a_run_starts_with_its_standard_streams_closed(lab: Lab, closed: str):
     assert launched.wait() == 0
     assert launched.log in {"", f"realm {lab.realm} is up\n"}
     assert lab.is_ready()
+    eventually(lambda: "Launching with" in lab.log("pressure"))
     assert lab.quadctl("down").code == 0
     assert lab.is_gone()
 

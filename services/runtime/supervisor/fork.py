@@ -98,5 +98,7 @@ def _become(
     except BaseException:  # noqa: BLE001 - last frame of the process: print it and exit
         traceback.print_exc()
     finally:
-        sys.stderr.flush()
-        os._exit(code)
+        try:
+            sys.stderr.flush()
+        finally:  # whatever happens, the child never goes on as its parent
+            os._exit(code)

@@ -6,8 +6,8 @@ from quadctl.schemas.topics import RESET
 from quadctl.services.dynamics.compiler import BackgroundCompiler
 from quadctl.services.dynamics.simulation import Simulation
 from quadctl.services.runtime.entry import start
+from quadctl.services.runtime.followed_params import follow
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.params.followed import follow
 from quadctl.services.runtime.params.load import launch_lines
 
 _compiler = BackgroundCompiler()

@@ -7,6 +7,7 @@ Read the modules at the root to write a service:
 - `errors`: the exception tree, with an exit code for each class.
 - `executor`: the event loop: one thread runs the handlers of a node, or of several in turn.
 - `server`: the server side of a service: exactly-once, scheduled calls, call log.
+- `followed_params`: parameters of another node, kept at the values that it has accepted.
 - `shutdown`: signals and the death of the parent process.
 - `realm`: one isolated run: its name, its folder and its socket.
 - `process_table`: which processes a run has, and when a dead one is started again.

@@ -42,8 +42,8 @@ from quadctl.services.airspace.cage import bounds
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
 from quadctl.services.runtime.executor import shared_lock
+from quadctl.services.runtime.followed_params import follow
 from quadctl.services.runtime.node import FIRST_POSE, LOST_AFTER, Node
-from quadctl.services.runtime.params.followed import follow
 from quadctl.services.runtime.params.load import launch_lines
 from quadctl.services.safety.monitor import Monitor
 from quadctl.services.safety.traffic import Traffic

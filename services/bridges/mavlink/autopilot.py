@@ -25,8 +25,8 @@ from quadctl.services.bridges.mavlink.adapter import POSE_HZ, US, AutopilotAdapt
 from quadctl.services.bridges.mavlink.link import MavlinkLink
 from quadctl.services.bridges.options import AutopilotOptions
 from quadctl.services.runtime.errors import Invalid, Refused
+from quadctl.services.runtime.followed_params import follow
 from quadctl.services.runtime.node import Node
-from quadctl.services.runtime.params.followed import follow
 
 
 class AutopilotProcess:

@@ -9,7 +9,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.services import SetParamsRequest, SetParamsResponse
 from quadctl.schemas.topics import called, set_params
 from quadctl.services.dynamics.__main__ import run as run_dynamics
-from quadctl.services.runtime.params.followed import follow
+from quadctl.services.runtime.followed_params import follow
 from quadctl.services.runtime.params.live import LiveParams
 from quadctl.services.runtime.testing import FakeNode
 from quadctl.services.safety.__main__ import run as run_safety

@@ -63,9 +63,10 @@ def responded(s: Situation, w: World) -> bool:
 
 
 def stop_law(s: Situation, w: World) -> StoppingLaw:
-    """Return the law of a stop; a vehicle that has settled stays."""
+    """Return the law of a stop; a vehicle that has settled stays, but one on its way begins to fly slowly."""
     stop = w.stop
-    return STANDSTILL if responded(s, w) and w.rested >= stop.settling else stop
+    settled = responded(s, w) and w.rested >= stop.settling and not s.flies
+    return STANDSTILL if settled else stop
 
 
 def stays(s: Situation, w: World) -> bool:

@@ -286,3 +286,15 @@ def test_a_flight_inside_the_cage_is_not_disturbed():
         rig.at(along(x), going(vx))
     assert len(rig.published) == published
     assert rig.at(INSIDE).goal != ONE_UP
+
+
+def test_a_cage_that_shrinks_around_a_slow_start_leaves_room_to_stop():
+    rig = Rig().hovering()
+    assert rig.monitor.goto(Position(0.0, 0.0, 1.9)) == ""
+    # It has responded, and is so slow still that it counts as at rest.
+    rig.at(ONE_UP, Velocity(0.0, 0.0, 0.045))
+    rig.params.virtual_cage.z = 0.5
+    rig.monitor.resize()
+    stopped = "stopped, the goal is now outside the cage: z = 1.9 is beyond [0, 0.5]"
+    assert rig.state.reason == stopped
+    assert rig.at(Position(0.0, 0.0, 1.04), Velocity(0.0, 0.0, 0.08)).reason == stopped

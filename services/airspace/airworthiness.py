@@ -80,6 +80,9 @@ _AT_SPEED = 0.5
 """Least share of the highest acceleration that is left to speed up at the highest speed."""
 _HELD = 0.5
 """Most that the air may hold the vehicle, in velocity gains: an error of the place lasts longer by it."""
+_LATE, _STRAY = 0.2, 0.01
+"""Share of the thrust's lag that is not led, as thrust goes with the square of what lags; and most, m, that
+the vehicle may stray by it."""
 _TIPPED = 3.0
 """Most tilt, in attitude errors that the torque corrects at once."""
 _STEADY = 0.73
@@ -304,6 +307,9 @@ def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> F
         for _ in range(_HALVINGS):
             speed += step if flies(speed + step) else 0.0
             step *= 0.5
+    # What the thrust's lag hides of a change of drag moves the vehicle off its place.
+    hidden = _LATE * delay(vehicle) * held(speed) / (control.velocity_gain * control.position_gain)
+    most = min(most, _STRAY / hidden) if hidden else most
     # Drag's second rate goes with the jerk, and adds to the snap.
     snap = _turning(vehicle) * vehicle.gravity
     jerk = _STEADY * snap / (_SNAP / setpoint_lag(vehicle, control) + held(speed))
@@ -370,8 +376,13 @@ def limited(vehicle: VehicleParams, control: ControlParams, wind: WindParams) ->
         lines.append(f"the wind adds {blown:.2g} m to safety.margin")
     less = flown(vehicle, control, wind)
     spare, _ = _spare(vehicle, control, *_air(wind))
+    by_drag = less.max_acceleration < min(_FLOWN * spare, _ASKED * vehicle.gravity)
     reasons = {
-        "max_acceleration": f"the body can do {spare:.2g} m/s^2, flown with",
+        "max_acceleration": (
+            "for its drag and the motors' lag flown with"
+            if by_drag
+            else f"the body can do {spare:.2g} m/s^2, flown with"
+        ),
         "max_speed": "against the air flown with",
         "max_jerk": "for its torque flown with",
         "max_tilt": "for its torque flown with",

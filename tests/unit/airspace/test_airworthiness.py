@@ -210,7 +210,11 @@ def test_wind_upwards_counts_as_lift():
             {},
             {"position_gain": 0.4, "velocity_gain": 0.25},
             0.0,
-            ["position_gain 0.4 is not", "max_speed 5: against the air flown with 0.62"],
+            [
+                "position_gain 0.4 is not",
+                "max_acceleration 5: for its drag and the motors' lag flown with 1.8",
+                "max_speed 5: against the air flown with 0.62",
+            ],
         ),
         (
             {},

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple, Self
 
 from quadctl.cli.output import duration
-from quadctl.cli.run.outlet import Outlet
+from quadctl.cli.run.background_writer import BackgroundWriter
 from quadctl.services.runtime.procfs import stats_of
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord
@@ -201,8 +201,8 @@ class Screen:
         self._launch = launch
         self._colour = has_colour()
         self._panel, self._table = Panel(), list[str]()
-        self._outlet = Outlet(sys.stdout, self._framed)
-        self.emit = Printer(self._outlet.write, colour=self._colour)
+        self._writer = BackgroundWriter(sys.stdout, self._framed)
+        self.emit = Printer(self._writer.write, colour=self._colour)
         """Printer of the processes' lines."""
         self._rates: RateProbe | None = None
         self._shares = Shares()
@@ -221,7 +221,7 @@ class Screen:
         try:
             if self._rates is not None:
                 self._rates.close()
-            with self._outlet:
+            with self._writer:
                 self._show([])
         finally:
             self._echo.__exit__(None, None, None)
@@ -261,7 +261,7 @@ class Screen:
 
     def _show(self, table: list[str]) -> None:
         self._table = table
-        self._outlet.write()
+        self._writer.write()
 
     def _framed(self, above: str) -> str:
         return self._panel.draw(above, self._table, _size().columns)

@@ -14,8 +14,8 @@ from quadctl.cli import output
 from quadctl.cli.bridge.process import require
 from quadctl.cli.context import Options
 from quadctl.cli.declarations import Arg, Option
+from quadctl.cli.run.background_writer import BackgroundWriter
 from quadctl.cli.run.commands import DEFAULT_FILE, status
-from quadctl.cli.run.outlet import Outlet
 from quadctl.cli.run.screen import Screen, has_colour, is_live
 from quadctl.services.airspace.airworthiness import limited
 from quadctl.services.runtime.errors import UsageError
@@ -150,9 +150,9 @@ def _watch(launch: Launch) -> int:
     It prints only lines, so --json changes nothing; a terminal shows the processes below them.
     """
     if not is_live():
-        with Outlet(sys.stdout) as outlet:
-            emit = Printer(outlet.write, colour=has_colour())
-            return running.run(launch, emit, _go_on, lambda _: outlet.check())
+        with BackgroundWriter(sys.stdout) as writer:
+            emit = Printer(writer.write, colour=has_colour())
+            return running.run(launch, emit, _go_on, lambda _: writer.check())
     with Screen(launch) as screen:
         return running.run(launch, screen.emit, _go_on, screen.look)
 

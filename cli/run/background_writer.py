@@ -1,4 +1,4 @@
-"""Outlet of `up` in the foreground: its stdout, written by a thread."""
+"""Writer of `up` in the foreground: its stdout, written by a thread."""
 
 import threading
 import time
@@ -13,8 +13,8 @@ _LAST_WAIT = 1.0
 _POLL = 0.05
 
 
-class Outlet:
-    """Stream for a `with` block. A reader that does not read, e.g. after Ctrl-S, delays no writer."""
+class BackgroundWriter:
+    """Stream for a `with` block. A reader that does not read, e.g. after Ctrl-S, delays no caller."""
 
     def __init__(self, stream: TextIO, framed: Callable[[str], str] = str) -> None:
         """`framed` adds to the text that is due, which may be empty, e.g. a table below it."""

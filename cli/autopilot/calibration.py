@@ -186,7 +186,12 @@ def _measure_stop(m: Measured, client: Client, goal: Position) -> None:
     poses = client.subscribe(POSE)
     try:
         _begun(client, goal)
-        before = next(pose for pose in _each(client, poses) if speed(pose) > _FAST * m.speed)
+        before, top = next(_each(client, poses)), 0.0
+        for before in _each(client, poses):
+            top = max(top, speed(before))
+            # This flight may have a lower top speed than an earlier one.
+            if speed(before) > _FAST * m.speed or (top > _HOVERS and speed(before) < _FAST * top):
+                break
         Vehicle(client).hold()
         fastest, farthest = before, 0.0
         for pose in _each(client, poses):

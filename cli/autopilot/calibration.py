@@ -186,7 +186,7 @@ def _measure_stop(m: Measured, client: Client, goal: Position) -> None:
     poses = client.subscribe(POSE)
     try:
         _begun(client, goal)
-        before, top = next(_each(client, poses)), 0.0
+        top = 0.0
         for before in _each(client, poses):
             top = max(top, speed(before))
             # This flight may have a lower top speed than an earlier one.

@@ -1,8 +1,6 @@
 """`record`: the recorder as a process, and its progress."""
 
 import contextlib
-import errno
-import os
 import signal
 import subprocess
 import sys
@@ -19,7 +17,7 @@ from quadctl.cli.context import LONGEST_TIMEOUT, Options, about_topic, with_any_
 from quadctl.cli.declarations import Arg, Option
 from quadctl.cli.names import checked_key
 from quadctl.services.runtime.errors import WIRE_ERRORS, Invalid, QuadctlError
-from quadctl.services.runtime.files import already_exists, unwritable
+from quadctl.services.runtime.files import already_exists, making
 from quadctl.services.runtime.shutdown import uninterrupted
 
 ENDING = ".mcap"
@@ -34,8 +32,8 @@ def free(path: Path) -> None:
     """Raise Invalid if the file exists, as no recording is overwritten, or has no folder."""
     if path.exists():
         raise already_exists(path)
-    if not path.parent.is_dir():
-        raise unwritable(path, FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)))
+    with making(path):
+        path.parent.stat()
 
 
 _PATIENCE = 10.0  # s for the recorder to complete its file

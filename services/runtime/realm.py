@@ -141,7 +141,7 @@ def _remove_tree(path: "Path") -> None:
     except OSError as error:
         if error.errno != errno.ENOTEMPTY:
             raise
-        _remove_tree(path)  # a request to restart a node came into it meanwhile
+        shutil.rmtree(path)  # a request to restart a node came into it meanwhile
 
 
 def spare_folder(name: str) -> "Path":
@@ -193,11 +193,16 @@ def _absolute(variable: str) -> str:
     return value
 
 
-def write_atomically(path: "Path", data: bytes) -> None:
-    """Replace a file so that a reader sees the old or the new text, never a part."""
+def write_atomically(path: "Path", data: bytes, mode: int = 0o666) -> None:
+    """Replace a file so that a reader sees the old or the new text, never a part.
+
+    No other user can do more with it, at any time, than the `mode` permits.
+    """
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
+    fresh.unlink(missing_ok=True)  # of a process with this number that was killed
     try:
-        fresh.write_bytes(data)
+        with open(fresh, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
+            file.write(data)
         fresh.replace(path)
     except BaseException:  # also a Ctrl-C
         fresh.unlink(missing_ok=True)

@@ -323,8 +323,12 @@ class Monitor:
         # A change in several steps, an axis after the other, moves it as one does.
         while len(self._winds) > 1 and self._winds[1][0] < now - settled(control):
             self._winds.popleft()
-        before = [earlier for _, earlier in self._winds if earlier != wind]
-        self.set_stop(stopping_law(*flies), wind_margin(*flies), wind_margin(*flies, before))
+        before, blown = (
+            [earlier for _, earlier in self._winds if earlier != wind],
+            wind_margin(*flies),
+        )
+        changed = wind_margin(*flies, before) if before else blown
+        self.set_stop(stopping_law(*flies), blown, changed)
         if not (self._winds and self._winds[-1][1] == wind):
             if len(self._winds) == _WINDS:
                 del self._winds[1]

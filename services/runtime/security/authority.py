@@ -2,7 +2,6 @@
 
 import datetime as dt
 import ipaddress
-import os
 import secrets
 import socket
 import sys
@@ -22,6 +21,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from quadctl.services.runtime.errors import UsageError
 from quadctl.services.runtime.files import making
+from quadctl.services.runtime.realm import write_atomically
 from quadctl.services.runtime.security.identity import (
     CERTIFICATE,
     FLEET,
@@ -160,15 +160,7 @@ def _write_key(path: Path, key: ec.EllipticCurvePrivateKey) -> None:
 
 def _write(path: Path, data: bytes) -> None:
     """Write the file, whole or not at all, so that at no time any other user can read it."""
-    fresh = path.with_name(f".{path.name}.{os.getpid()}")
     with making(path):
-        try:
-            only_new = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-            with os.fdopen(os.open(fresh, only_new, 0o600), "wb") as file:
-                file.write(data)
-            fresh.replace(path)
-        except BaseException:  # also a Ctrl-C, which would leave a secret key
-            fresh.unlink(missing_ok=True)
-            raise
+        write_atomically(path, data, 0o600)
     if sys.platform != "win32":
         path.chmod(0o600)

@@ -48,7 +48,7 @@ from quadctl.services.safety.model import (
     Toggle,
     World,
 )
-from quadctl.services.safety.motion import reserved, space_after, verify
+from quadctl.services.safety.motion import is_quiet, reserved, space_after, verify
 from quadctl.services.safety.traffic import Held, Post, Traffic
 
 WAIT = 30.0
@@ -132,6 +132,8 @@ class Monitor:
         self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
+        self._quiet = False
+        """True if, since the last event, a pose like the newest one changes nothing."""
         self.moved = -inf
         """Stamp (s) of the last pose of this boot in motion."""
         self._flown = self._stop = stopping_law(VehicleParams(), ControlParams(), WindParams())
@@ -154,12 +156,18 @@ class Monitor:
         """Return its distance from others."""
         return self._params.separation
 
-    def see(self, pose: Pose) -> None:
-        """Take a new pose; one of another boot drops the goal and takes off again."""
+    def see(self, pose: Pose) -> bool:
+        """Take a new pose; one of another boot drops the goal and takes off again.
+
+        Return False if it can change nothing, nor what is near: the vehicle rests where it was.
+        """
         if self.ignores(pose):
-            return
-        same = pose.boot == self.situation.boot
+            return False
+        before = self.situation
+        same = pose.boot == before.boot
         self._last, self.pose, self.fresh = self.pose if same else pose, pose, True
+        if same and self._quiet and _is_same_motion(pose, self._last):
+            return False
         if not at_rest(pose):
             self.moved = pose.stamp
         elif not same:
@@ -170,6 +178,8 @@ class Monitor:
         self._traffic.watch(self)
         if self.held:
             self._retry(self.held)
+        self._quiet = self.situation is before and not self.held and is_quiet(before, self.world())
+        return True
 
     def ignores(self, pose: Pose) -> bool:
         """Return whether a pose is older than the last one, or of an earlier boot."""
@@ -340,6 +350,7 @@ class Monitor:
         The law counts from the vehicle's next standstill, and an earlier wind may have moved it: until the
         next boot, safety counts with the wider of all since the last.
         """
+        self._quiet = False
         self._flown, self._stop = law, law.wider(self._stop)
         self._blown, self._most_blown = blown, max(blown, changed, self._most_blown)
 
@@ -400,6 +411,7 @@ class Monitor:
 
     def _feed(self, event: Event, world: World | None = None) -> None:
         before, world = self.situation, world or self.world()
+        self._quiet = False
         if self._landing:
             world = replace(world, fresh=False, unready=f"the vehicle lands: {self._landing}")
         self.situation = after = step(before, event, world, on_rule=self._on_rule)
@@ -434,6 +446,10 @@ class Monitor:
         if self._params.zones is not self._zones:
             self._zones, self._region = self._params.zones, Region(self._params.zones)
         return self._region
+
+
+def _is_same_motion(pose: Pose, last: Pose) -> bool:
+    return pose.position == last.position and pose.velocity == last.velocity
 
 
 def _line(before: Situation, after: Situation, event: Event) -> str:

@@ -24,7 +24,7 @@ from quadctl.services.airspace.routes import (
     why_barred,
     why_crossed,
 )
-from quadctl.services.airspace.separation import Neighbour, conflicts, why_near
+from quadctl.services.airspace.separation import WIDER, Neighbour, conflicts, why_near
 from quadctl.services.airspace.stopping import STANDSTILL, StoppingLaw, at_rest
 from quadctl.services.safety.model import FlightPhase, GoalVerdict, Goto, Situation, World
 
@@ -214,6 +214,22 @@ def off_course(s: Situation, w: World) -> float:
         return dist(w.place, s.goal)
     course = (Piece(*s.reach, is_box=True),) if s.reach else tuple(line(s.origin, s.goal))
     return distance((Piece(w.place, w.place),), course, 1.0, 1.0)
+
+
+def is_quiet(s: Situation, w: World) -> bool:
+    """Return whether a pose that changed nothing changes nothing when it comes again, at any later time.
+
+    A vehicle that stays in place meets conditions on its motion alone, unless it is outside its cage; and
+    as it keeps its course, no other vehicle matters.
+    """
+    holds = s.phase is FlightPhase.HOLDING or s.phase is FlightPhase.STOPPED
+    inside = not (s.cage_on and 0 < s.beyond < inf)
+    return holds and inside and s.candidate is None and stays(s, w) and keeps_course(s, w)
+
+
+def keeps_course(s: Situation, w: World) -> bool:
+    """Return whether a vehicle is where it was to be, so that it is apart from all others."""
+    return off_course(s, w) <= WIDER / 2
 
 
 def _left(s: Situation, w: World, goal: Point) -> Space:

@@ -27,7 +27,14 @@ from quadctl.services.airspace.routes import bend
 from quadctl.services.airspace.separation import NOBODY, WIDER, How, Neighbour, Others, allowed
 from quadctl.services.airspace.stopping import straight_stop
 from quadctl.services.safety.model import Situation, World
-from quadctl.services.safety.motion import motion, off_course, reserved, space_after, stays
+from quadctl.services.safety.motion import (
+    keeps_course,
+    motion,
+    off_course,
+    reserved,
+    space_after,
+    stays,
+)
 
 _ROUNDING = 1e-9
 _FARTHER = WIDER + 1e-6
@@ -191,7 +198,7 @@ class Traffic:
     def watch(self, member: Participant) -> None:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""
         world = member.world()
-        if not self.is_shared or off_course(member.situation, world) <= WIDER / 2:
+        if not self.is_shared or keeps_course(member.situation, world):
             return
         path = _stop_path(member.situation, world)
         for other in self._others(member.name):

@@ -35,8 +35,7 @@ def run(node: Node, params: Params) -> None:
     follow(node, "safety", params, lambda: None)
     simulation.publish()
     simulation.advance_time()
-    for now in node.ticks(simulation.tick_rate):
-        simulation.tick(now)
+    node.every(simulation.tick_rate, simulation.tick)
 
 
 if __name__ == "__main__":

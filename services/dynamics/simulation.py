@@ -141,12 +141,14 @@ class Simulation:
         self._answered, self._braked, self._last_setpoint = -1, True, 0.0
         self._latch, self._ignores, self._alone = GoalLatch(), False, False
         self._lands = False
+        self._mark()
         self._node.log.info("boot %s", self._boot)
         self._log_limits()
 
     def configure(self) -> None:
         """Take the parameters' new values; the start counts from the next boot."""
         self._vehicle.configure(self._params)
+        self._mark()
         if self._lands:
             # Safety judges the same change, and its next goal may come before the next pose.
             self._hold_or_land()
@@ -205,6 +207,7 @@ class Simulation:
         if self._faster and not self._is_fast and (fly := self._faster()):
             self._vehicle.fly, self._is_fast = fly, True
         self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
+        self._mark()
         if self._answer_is_due:
             self._hold_or_land()
         self._seq += 1
@@ -292,10 +295,9 @@ class Simulation:
         if silence >= _SILENCE:
             self._node.log.warning("setpoints are back: the clock runs again")
 
-    @property
-    def _answer_is_due(self) -> bool:
-        """Return whether safety answers this pose: the first in a period of the setpoint."""
-        return SETPOINT.begins(self._stamp, 1 / self._params.rate)
+    def _mark(self) -> None:
+        """Find out whether safety answers this pose: the first in a period of the setpoint."""
+        self._answer_is_due = SETPOINT.begins(self._stamp, 1 / self._params.rate)
 
     @property
     def _stamp(self) -> float:

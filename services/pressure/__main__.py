@@ -133,10 +133,12 @@ class Rhythm:
         if not self._node.wait_for(lambda: self._pose is not None, FIRST_POSE):
             # A vehicle that is not ours may publish no others than the fast ones.
             self._is_ours = False
-        for now in self._node.ticks(lambda: self._params.pressure.rate):
-            self._change_topic()
-            if not self._lockstep:
-                self._output.read(now, self._pose)
+        self._node.every(lambda: self._params.pressure.rate, self._tick)
+
+    def _tick(self, now: float) -> None:
+        self._change_topic()
+        if not self._lockstep:
+            self._output.read(now, self._pose)
 
     def _on_params(self) -> None:
         self._output.log_fault()

@@ -17,6 +17,7 @@ from quadctl.schemas import keyexpr
 from quadctl.schemas.params import Params
 from quadctl.schemas.topics import get_params, set_params
 from quadctl.services.runtime.bus import liveliness, session
+from quadctl.services.runtime.bus.bundles import Bundles
 from quadctl.services.runtime.errors import AlreadyServed, QuadctlError
 from quadctl.services.runtime.executor import MultiNodeExecutor
 from quadctl.services.runtime.filelock import FileLock
@@ -158,19 +159,28 @@ def _executor_of(
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
     single = len(fleet) == 1
     executor, first = MultiNodeExecutor(single=single), next(iter(fleet.values()))
+    bundles = None if single or guarded else _bundles(opened, executor)
     for vehicle, params in fleet.items():
         like = None if params is first else first
         own = executor.new_executor()
         node = Node(
             name, vehicle, opened, own, present=present, restarted=restarted,
             reference_params=like, single=single, connect=connect,
-            lockstep=params.dynamics.in_lockstep, keeps_time=keeps_time, guarded=guarded,
+            lockstep=params.dynamics.in_lockstep, keeps_time=keeps_time, guarded=guarded, bundles=bundles,
         )  # fmt: skip
         _serve_params(node, params, realm)
         executor.add_node(own, partial(run, node, params))
     if not keeps_time:
         executor.watch(logging.getLogger(name).warning)
     return executor
+
+
+def _bundles(opened: zenoh.Session, executor: MultiNodeExecutor) -> Bundles | None:
+    """Return the bundles of a run, None for a process that is not of one with bundles."""
+    if not (senders := os.environ.get("QUADCTL_BUNDLED_BY")):
+        return None
+    lead = os.environ["QUADCTL_VEHICLES"].partition(",")[0]
+    return Bundles(opened, lead, senders.split(","), executor.outbox)
 
 
 def _parse(name: str) -> argparse.Namespace:

@@ -81,6 +81,41 @@ _LATE = 0.1
 """Lateness (s) beyond which a loop drops the ticks that it missed and does not catch up."""
 
 
+class _Beat:
+    """Times of ticks, counted and not added up, so that none is lost to rounding.
+
+    A callable rate (Hz) is read at every tick and after `retime`; a new rate counts from the last tick.
+    `begin` returns the start (monotonic s) of a count of ticks at a rate.
+    """
+
+    def __init__(self, hz: float | Callable[[], float], begin: Callable[[float], float]) -> None:
+        self._rate_now, self._begin = hz if callable(hz) else lambda: hz, begin
+        self._rate, self._count = self._rate_now(), 0
+        self._last = self._start = begin(self._rate)
+
+    @property
+    def due(self) -> float:
+        """Return the time of the next tick, monotonic s."""
+        return self._start + self._count / self._rate
+
+    def is_due(self, now: float) -> bool:
+        """Return whether the next tick is due, at its rate as it is now."""
+        if (rate := self._rate_now()) != self._rate:
+            self._rate, self._start, self._count = rate, self._last, 1
+            return False
+        if now < self.due:
+            return False
+        # Not `now`: loops that tick together would drift apart with each new rate.
+        self._last = self.due
+        return True
+
+    def passed(self) -> None:
+        """Count a tick; drop those that were missed."""
+        self._count += 1
+        if time.monotonic() > self.due + _LATE:
+            self._start, self._count = self._begin(self._rate), 1
+
+
 class Executor:
     """Event loop that serves its queue between ticks, so that a call is answered on arrival.
 
@@ -94,9 +129,11 @@ class Executor:
         inbox: CallbackQueue | None = None,
         origin: float | None = None,
         outbox: Outbox | None = None,
+        schedule: "_Schedule | None" = None,
     ) -> None:
         self._inbox, self._origin = CallbackQueue() if inbox is None else inbox, origin
-        self._outbox = outbox
+        self._outbox, self._schedule = outbox, schedule
+        self._ticker: _Ticker | None = None
         self._sources: list[Callable[[], None]] = []
         self._retimed = False
         self.waits = 0
@@ -110,10 +147,15 @@ class Executor:
         """True once its node may be called: before that, nobody waits for an answer."""
 
     def run_inline(self, item: Item) -> None:
-        """Run `item` on this thread if the loop is idle, else enqueue it.
+        """Run `item` on this thread if the loop is idle, else enqueue it; what it defers runs at once.
 
         It must not block: this may be the Zenoh thread that would deliver what it waits for.
         """
+        self.join_in(item)
+        self.flush()
+
+    def join_in(self, item: Item) -> None:
+        """Do the same, but leave what it defers for a flush by the caller."""
         if not self._turn.acquire(blocking=False):
             self.post(item)
             return
@@ -152,7 +194,7 @@ class Executor:
     def retime(self) -> None:
         """Make the loop read its tick rate again."""
         self._retimed = True
-        self.post(lambda: None)
+        self.post(self._ticker.resume if self._ticker else lambda: None)
 
     def add_poller(self, source: Callable[[], None]) -> None:
         """Call `source` before every tick and call, to read messages that did not wake the loop."""
@@ -170,23 +212,29 @@ class Executor:
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
         """Yield monotonic seconds at a rate, serving the queue in between, until stopped.
 
-        Ticks are counted, not added up, so none is lost to rounding. A callable rate is read at
-        every tick and after `retime`; a new rate counts from the last tick.
+        A callable rate may change.
         """
-        rate_now = hz if callable(hz) else lambda: hz
-        rate, count = rate_now(), 0
-        last = start = self._beat(rate)
-        while self._serve_until(start + count / rate):
+        beat = _Beat(hz, self._beat)
+        while self._serve_until(beat.due):
             now = time.monotonic()
-            if rate_now() != rate:
-                rate, start, count = rate_now(), last, 1
-            elif now >= start + count / rate:
+            if beat.is_due(now):
                 self.poll()
-                last = now
                 yield now
-                count += 1
-                if time.monotonic() > start + count / rate + _LATE:
-                    start, count = self._beat(rate), 1
+                beat.passed()
+
+    def every(self, hz: float | Callable[[], float], tick: Callable[[float], None]) -> None:
+        """Call `tick` with the monotonic seconds at a rate until stopped, serving the queue in between.
+
+        Among several nodes a tick is an inline item and must not block: to resume a loop for each would
+        cost more than most ticks.
+        """
+        if self._schedule is None:
+            for now in self.ticks(hz):
+                tick(now)
+        else:
+            self._ticker = _Ticker(self, _Beat(hz, self._beat), tick, self._schedule)
+            self._schedule(self._ticker, self._ticker.beat.due)
+            self.spin()
 
     def spin(self) -> None:
         """Serve the queue until stopped."""
@@ -289,10 +337,10 @@ class MultiNodeExecutor:
         self._queues: list[_GreenletQueue] = []
         self._errors: list[BaseException] = []
         self._runnable: SimpleQueue[_GreenletQueue] = SimpleQueue()
-        self._timers: list[tuple[float, int, _GreenletQueue]] = []
+        self._timers: list[tuple[float, int, _Timed]] = []
         self._numbers = count()
         self._origin = time.monotonic()
-        self._outbox = Outbox()
+        self.outbox = Outbox()
 
     def new_executor(self) -> Executor:
         """Return the event loop for one node."""
@@ -300,7 +348,7 @@ class MultiNodeExecutor:
             return Executor()
         queue = _GreenletQueue(self._runnable.put, self._sleep)
         self._queues.append(queue)
-        return Executor(queue, self._origin, self._outbox)
+        return Executor(queue, self._origin, self.outbox, self._at)
 
     def add_node(self, loop: Executor, run: Callable[[], None]) -> None:
         """Add a node; `run` must return when its loop is stopped."""
@@ -322,10 +370,10 @@ class MultiNodeExecutor:
             queue.task = greenlet(lambda run=run: self._run_node(run))
         for queue in self._queues:
             queue.task.switch()
-        self._outbox.flush()
+        self.outbox.flush()
         while not all(queue.task.dead for queue in self._queues):
             self._take_turns()
-            self._outbox.flush()
+            self.outbox.flush()
         if self._errors:
             raise self._errors[0]
 
@@ -365,16 +413,45 @@ class MultiNodeExecutor:
             queue.resume()
         now = time.monotonic()
         while self._timers and self._timers[0][0] <= now:
-            _, number, queue = heappop(self._timers)
-            # A node resumed before its time has another timer by now, or none.
-            if queue.timer == number:
-                queue.resume()
+            _, number, timed = heappop(self._timers)
+            # One that was resumed before its time has another timer by now, or none.
+            if timed.timer == number:
+                timed.resume()
+
+    def _at(self, timed: "_Timed", deadline: float) -> None:
+        """Resume a node or a ticker at a time (monotonic s), not before."""
+        timed.timer = next(self._numbers)
+        if deadline < inf:
+            heappush(self._timers, (deadline, timed.timer, timed))
 
     def _sleep(self, queue: "_GreenletQueue", deadline: float) -> None:
-        queue.timer = next(self._numbers)
-        if deadline < inf:
-            heappush(self._timers, (deadline, queue.timer, queue))
+        self._at(queue, deadline)
         queue.task.parent.switch()
+
+
+class _Ticker:
+    """Ticks of a loop beside others, each an inline item of it."""
+
+    def __init__(
+        self, loop: Executor, beat: _Beat, tick: Callable[[float], None], schedule: "_Schedule"
+    ) -> None:
+        self.timer = -1  # the number of its last timer
+        self.beat = beat
+        self._loop, self._tick, self._schedule = loop, tick, schedule
+
+    def resume(self) -> None:
+        """Run the tick if it is due, and wait for the next one."""
+        if self._loop.stopping:
+            return
+        now = time.monotonic()
+        if self.beat.is_due(now):
+            self._loop.join_in(partial(self._run, now))
+            self.beat.passed()
+        self._schedule(self, self.beat.due)
+
+    def _run(self, now: float) -> None:
+        self._loop.poll()
+        self._tick(now)
 
 
 class _GreenletQueue(CallbackQueue):
@@ -411,3 +488,7 @@ class _GreenletQueue(CallbackQueue):
         if not self._is_runnable:
             self._is_runnable = True
             self._wake(self)
+
+
+_Timed = _GreenletQueue | _Ticker
+_Schedule = Callable[[_Timed, float], None]

@@ -17,13 +17,14 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.roles import Right
 from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT, Service, Topic, period
 from quadctl.services.runtime.bus import codec, liveliness, zenoh_events
+from quadctl.services.runtime.bus.bundles import Bundles
 from quadctl.services.runtime.bus.calls import ServiceClient
 from quadctl.services.runtime.bus.client import latest
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
 from quadctl.services.runtime.bus.streams import RawMessage, RawSubscriber, RecorderSubscriber
-from quadctl.services.runtime.errors import AlreadyServed, Refused
+from quadctl.services.runtime.errors import AlreadyServed
 from quadctl.services.runtime.executor import Executor
-from quadctl.services.runtime.server import MOST, CallLog, Schedule, Server
+from quadctl.services.runtime.server import CallLog, QueryQueue, Schedule, Server
 from quadctl.services.runtime.typed import positive_rate, require, require_function
 
 M = TypeVar("M", bound=Struct)
@@ -54,7 +55,7 @@ class Node:
     ticks are those of the machine.
     `present`: what else is there, if it has been asked for the process's vehicles together.
     `connect`: the hub's endpoint if it is not the realm's own. `guarded`: the hub lets it do no more
-    than its name stands for.
+    than its name stands for. `bundles`: what the run's processes send each other for all vehicles together.
     Raises AlreadyServed when another process is this node.
     """
 
@@ -73,7 +74,10 @@ class Node:
         keeps_time: bool = False,
         connect: str = "",
         guarded: bool = False,
+        bundles: Bundles | None = None,
     ) -> None:
+        # In lock-step no message may be dropped.
+        self._bundles = None if lockstep else bundles
         self._connect, self._guarded = connect, guarded
         self.name, self.vehicle, self.restarted = name, vehicle, restarted
         self.reference_params, self.single = reference_params, single
@@ -88,7 +92,8 @@ class Node:
         self._session = session
         self.executor = executor or Executor()
         self._declared: list[Any] = []
-        self._subscribers: dict[Subscription[Any], zenoh.Subscriber[None]] = {}
+        self._subscribers: dict[Subscription[Any], Callable[[], None]] = {}
+        """Subscriptions, and the function that ends each."""
         self._offers: list[Callable[[], keyexpr.EndpointInfo]] = []
         self._subscribed: dict[Subscription[Any], keyexpr.EndpointInfo] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
@@ -111,8 +116,8 @@ class Node:
     ) -> Publisher[M]:
         """Declare a topic, at its own rate or at `hz()` now and after each change of parameters.
 
-        With `together`, messages of several vehicles go out when all that are due have run: an
-        answer to the first would else interrupt the others. Raises NotAllowed if a guarded node may
+        With `together`, messages of several vehicles go out when all that are due have run, to the other
+        processes of the run as one: an answer to the first would else interrupt the others. Raises NotAllowed if a guarded node may
         not publish the topic.
         """
         require(topic, Topic, "STATE of quadctl.schemas.topics")
@@ -123,7 +128,10 @@ class Node:
                 lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz())
             )
         defer = self.executor.defer if together and not self.single else None
-        publisher = Publisher(self._session, key, topic, waits=self._lockstep, defer=defer)
+        bundle = self._bundles.out(topic, self.vehicle) if together and self._bundles else None
+        publisher = Publisher(
+            self._session, key, topic, waits=self._lockstep, defer=defer, bundle=bundle
+        )
         if topic.latched:
             self._answer_queries(key, publisher.answer)
         if topic is SETPOINT:
@@ -156,12 +164,19 @@ class Node:
             return self.executor.waits > 0 or self._schedule.holding
 
         post = self.executor.post
-        now = self.executor.run_inline if inline else post
+        bundles = self._bundles if self._bundles and self._bundles.has(topic) else None
+        now = post
+        if inline:
+            now = self.executor.join_in if bundles else self.executor.run_inline
         subscription = Subscription(topic, post, now, awaited, handler, depth, wakes=wakes)
         self.executor.add_poller(subscription.poll)
-        callback = zenoh.handlers.Callback(subscription.on_sample, indirect=False)
         key = topic.key(self.vehicle)
-        self._subscribers[subscription] = self._session.declare_subscriber(key, callback)
+        if bundles:
+            end = bundles.subscribe(topic, self.vehicle, subscription)
+        else:
+            callback = zenoh.handlers.Callback(subscription.on_sample, indirect=False)
+            end = self._session.declare_subscriber(key, callback).undeclare
+        self._subscribers[subscription] = end
         if topic.latched:
             zenoh_events.request_latched(self._session, key, subscription.on_latched)
         if advances:
@@ -175,7 +190,7 @@ class Node:
     def unlisten(self, subscription: Subscription[Any]) -> None:
         """End a subscription; messages that wait for its handler are dropped."""
         require(subscription, Subscription, "the result of `listen`")
-        self._subscribers.pop(subscription).undeclare()
+        self._subscribers.pop(subscription)()
         self.executor.remove_poller(subscription.poll)
         self._followed.discard(subscription)
         if self._subscribed.pop(subscription, None) and self._ready:
@@ -301,6 +316,18 @@ class Node:
         self.ready()
         return self.executor.ticks(hz)
 
+    def every(self, hz: float | Callable[[], float], tick: Callable[[float], None]) -> None:
+        """Declare the node ready and call `tick` with the time (s) at a rate (Hz) until stopped.
+
+        It is `ticks` for a function that waits for nothing: of several vehicles, it costs less.
+        """
+        if self._lockstep:
+            for now in self.ticks(hz):
+                tick(now)
+        else:
+            self.ready()
+            self.executor.every(hz, tick)
+
     def _simulated_ticks(self, rate: Callable[[], float]) -> Iterator[float]:
         self._passed = passed = deque[Pose]()
         self.ready()
@@ -398,7 +425,7 @@ class Node:
     def _answer_queries(
         self, key: str, answer: Callable[[zenoh.Query], None], *, inline: bool = False
     ) -> None:
-        queue = _QueryQueue(self.executor, answer, inline=inline)
+        queue = QueryQueue(self.executor, answer, inline=inline)
         callback = zenoh.handlers.Callback(queue.on_query, indirect=False)
         self._declared.append(self._session.declare_queryable(key, callback, complete=True))
 
@@ -417,52 +444,12 @@ class Node:
             self._tokens[key] = self._session.liveliness().declare_token(key)
 
 
-_STUCK = 1.0
-"""Seconds without an answer after which a loop counts as stuck."""
-_BUSY = codec.encode_error(
-    Refused(f"{MOST} calls of this service already wait", "call again when they are answered")
-)
-
-
 def _oldest(waiting: deque[Pose]) -> Pose:
     """Take the oldest pose out, and with it those of boots that have ended."""
     pose, newest = waiting.popleft(), waiting[-1].boot if waiting else ""
     while newest not in {"", pose.boot}:
         pose = waiting.popleft()
     return pose
-
-
-class _QueryQueue:
-    """Queries of one key on their way to the loop; more than a mission sends are refused at once.
-
-    So a flood costs its own callers their answers.
-    """
-
-    def __init__(
-        self, executor: Executor, answer: Callable[[zenoh.Query], None], *, inline: bool
-    ) -> None:
-        self._executor, self._answer = executor, answer
-        self._take = executor.run_inline if inline else executor.post
-        # Each is counted by one thread at a time.
-        self._came, self._answered, self._answered_at = 0, 0, 0.0
-
-    def on_query(self, query: zenoh.Query) -> None:
-        """Enqueue a query, on a Zenoh thread."""
-        zenoh_events.pin_thread_state()
-        if self._came - self._answered < MOST:
-            self._came += 1
-            self._take(lambda: self._on_turn(query))
-            return
-        with query:
-            # To a supervisor any answer shows that the loop runs.
-            if time.monotonic() - self._answered_at < _STUCK:
-                query.reply_err(_BUSY, encoding=codec.ERROR_ENCODING)
-
-    def _on_turn(self, query: zenoh.Query) -> None:
-        self._answered, self._answered_at = self._answered + 1, time.monotonic()
-        # Messages that came before the query count in its answer.
-        self._executor.poll()
-        self._answer(query)
 
 
 class _VehicleLog(logging.LoggerAdapter[logging.Logger]):

@@ -19,9 +19,10 @@ from msgspec import Struct
 from quadctl.schemas.messages import Called
 from quadctl.schemas.services import Call
 from quadctl.schemas.topics import SETPOINT, Service, called
-from quadctl.services.runtime.bus import codec
+from quadctl.services.runtime.bus import codec, zenoh_events
 from quadctl.services.runtime.bus.pubsub import Publisher
 from quadctl.services.runtime.errors import Expired, Invalid, NotReady, QuadctlError, Refused
+from quadctl.services.runtime.executor import Executor
 
 MOST = 5_000
 """Most calls of a service that wait: those of the longest mission, which are sent all at once."""
@@ -316,3 +317,43 @@ class Server(Generic[Q, R]):
         self._answers[call_id] = answer
         if len(self._answers) > _REMEMBERED:
             self._answers.popitem(last=False)
+
+
+_STUCK = 1.0
+"""Seconds without an answer after which a loop counts as stuck."""
+_BUSY = codec.encode_error(
+    Refused(f"{MOST} calls of this service already wait", "call again when they are answered")
+)
+
+
+class QueryQueue:
+    """Queries of one key on their way to the loop; more than a mission sends are refused at once.
+
+    So a flood costs its own callers their answers.
+    """
+
+    def __init__(
+        self, executor: Executor, answer: Callable[[zenoh.Query], None], *, inline: bool
+    ) -> None:
+        self._executor, self._answer = executor, answer
+        self._take = executor.run_inline if inline else executor.post
+        # Each is counted by one thread at a time.
+        self._came, self._answered, self._answered_at = 0, 0, 0.0
+
+    def on_query(self, query: zenoh.Query) -> None:
+        """Enqueue a query, on a Zenoh thread."""
+        zenoh_events.pin_thread_state()
+        if self._came - self._answered < MOST:
+            self._came += 1
+            self._take(lambda: self._on_turn(query))
+            return
+        with query:
+            # To a supervisor any answer shows that the loop runs.
+            if time.monotonic() - self._answered_at < _STUCK:
+                query.reply_err(_BUSY, encoding=codec.ERROR_ENCODING)
+
+    def _on_turn(self, query: zenoh.Query) -> None:
+        self._answered, self._answered_at = self._answered + 1, time.monotonic()
+        # Messages that came before the query count in its answer.
+        self._executor.poll()
+        self._answer(query)

@@ -127,6 +127,11 @@ class FakeNode:
                 yield time.monotonic()
         self.stopping = True
 
+    def every(self, hz: float | Callable[[], float], tick: Callable[[float], None]) -> None:
+        """Call `tick` in each period of simulated time, until the end of the list."""
+        for now in self.ticks(hz):
+            tick(now)
+
     def _next(self) -> bool:
         self._execute(held=False)
         if not self._received:

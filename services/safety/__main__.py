@@ -63,7 +63,7 @@ class Safety:
     def __init__(self, node: Node, params: Params, traffic: Traffic) -> None:
         self._node, self._params = node, params
         self._states = node.publisher(STATE)
-        self._setpoints = node.publisher(SETPOINT)
+        self._setpoints = node.publisher(SETPOINT, together=True)
         self._zones = node.publisher(ZONES)
         self.monitor = Monitor(
             params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace,
@@ -71,7 +71,7 @@ class Safety:
         )  # fmt: skip
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0
-        self._held = 0.0
+        self._held, self._last_tick, self._count = 0.0, 0.0, 0
         self._newest, self._deciding = self.monitor.pose, False
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
         node.listen(REQUEST, self._on_waypoint, _REQUESTS, inline=True)
@@ -115,6 +115,14 @@ class Safety:
         near, before = self.monitor.nearest(), self._near
         if (near.near and near.name) != (before.near and before.name):
             self.publish()
+
+    def tick(self, now: float) -> None:
+        """Watch the silences, and publish the state once a second."""
+        held_up, self._last_tick = now - self._last_tick > 2 / SETPOINT.hz, now
+        self.watch(held_up=held_up)
+        if self._count % SETPOINT.hz == 0:
+            self.publish()
+        self._count += 1
 
     def watch(self, *, held_up: bool) -> None:
         """Stop the flight if poses or setpoints are missing; in lock-step the clock waits instead.
@@ -188,13 +196,14 @@ class Safety:
                 self._send_setpoint()
             return
         self._answered = period
-        self.monitor.see(pose)
+        news = self.monitor.see(pose)
         # The flight goes on with the first answer, which must include all held calls.
         self._deciding = True
         self._node.advance_sim_time(pose.boot, pose.stamp)
         self._deciding = False
         self._send_setpoint()
-        self._warn()
+        if news:
+            self._warn()
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self.monitor.goto(Position(waypoint.x, waypoint.y, waypoint.z))
@@ -235,12 +244,7 @@ def run(node: Node, params: Params, traffic: Traffic | None = None) -> None:
     if not node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE):
         safety.listen_to_all_poses()
     safety.serve()
-    last_tick = 0.0
-    for count, now in enumerate(node.ticks(SETPOINT.hz)):
-        held_up, last_tick = now - last_tick > 2 / SETPOINT.hz, now
-        safety.watch(held_up=held_up)
-        if count % SETPOINT.hz == 0:
-            safety.publish()
+    node.every(SETPOINT.hz, safety.tick)
 
 
 def _log_launch(node: Node, params: Params) -> None:

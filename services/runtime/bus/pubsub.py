@@ -22,7 +22,7 @@ class Publisher(Generic[M]):
     """Publisher of one topic; a latched one also answers `get` with the last message.
 
     A subscriber without room loses the message; with `waits`, `put` blocks for it, 1 s at most.
-    `defer`, if any, sends a message later.
+    `defer`, if any, sends a message later. What goes out by `bundle` goes out alone, too, only while somebody subscribes.
     """
 
     def __init__(
@@ -33,6 +33,7 @@ class Publisher(Generic[M]):
         *,
         waits: bool = False,
         defer: Callable[[Callable[[], None]], None] | None = None,
+        bundle: Callable[[bytes], None] | None = None,
     ) -> None:
         self._key, self._type = key, topic.type
         self._encoding = codec.encoding(topic.type)
@@ -42,7 +43,7 @@ class Publisher(Generic[M]):
             encoding=self._encoding,
             congestion_control=control.BLOCK if waits else control.DROP,
         )
-        self._defer = defer
+        self._defer, self._bundle = defer, bundle
         self._matches = zenoh_events.MatchingListener(self._publisher)
         self._last = b""
 
@@ -65,6 +66,10 @@ class Publisher(Generic[M]):
         except (TypeError, OverflowError, UnicodeEncodeError, RecursionError) as error:
             hint = "give plain numbers, texts, lists and tables: float(x) of a NumPy number"
             raise Invalid(f"a message on {self._key} cannot be sent: {error}", hint) from error
+        if self._bundle is not None:
+            self._bundle(payload)
+            if not self.has_subscribers:
+                return
         if self._defer is None:
             self._publisher.put(payload)
         else:
@@ -143,16 +148,20 @@ class Subscription(Generic[M]):
         return time.monotonic() - self.received if self.value is not None else float("inf")
 
     def on_sample(self, sample: zenoh.Sample) -> None:
-        """Queue a sample, on a Zenoh thread, and post `poll` to the loop once until it runs."""
+        """Take a sample, on a Zenoh thread."""
         zenoh_events.pin_thread_state()
-        now, encoding = time.monotonic(), sample.encoding
+        encoding = sample.encoding
         # Usually it is ours, and this comparison takes half the time of str().
         name = self._ours if encoding == self._expected else str(encoding)
+        # Copied at once: one in a million samples kept for later was overwritten by the next.
+        self.take(time.monotonic(), sample.payload.to_bytes(), name)
+
+    def take(self, now: float, payload: bytes, encoding: str) -> None:
+        """Queue a message that came `now` (monotonic s), and post `poll` to the loop once until it runs."""
         waiting = self._waiting
         if len(waiting) == self._depth:
             self._dropped += 1
-        # Copied at once: one in a million samples kept for later was overwritten by the next.
-        waiting.append((now, sample.payload.to_bytes(), name))
+        waiting.append((now, payload, encoding))
         self._count += 1
         if (passed := now - self._since) > _WINDOW:
             self._flood = self._count > _FLOOD * passed

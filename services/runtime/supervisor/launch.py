@@ -25,7 +25,7 @@ from quadctl.services.runtime.bus.session import (
 from quadctl.services.runtime.errors import AlreadyServed, Invalid, QuadctlError
 from quadctl.services.runtime.filelock import FileLock
 from quadctl.services.runtime.params import live
-from quadctl.services.runtime.process_table import Process, table
+from quadctl.services.runtime.process_table import NODES, Process, table
 from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord, RunState
 from quadctl.services.runtime.security import endpoints
@@ -72,6 +72,14 @@ class Launch(Struct, frozen=True):
         """Return the seconds after which a silent process is restarted."""
         timeout = self.params.supervise.answer_timeout
         return max(timeout, _PATIENCE) if self.patient else timeout
+
+    @property
+    def bundling(self) -> list[str]:
+        """Return our nodes that send bundles: of several vehicles in real time."""
+        if len(self.fleet) == 1 or self.params.dynamics.in_lockstep:
+            return []
+        others = {*self.params.processes, *self.without}
+        return [name for name in NODES if name not in others]
 
     def processes(self) -> tuple[Process, ...]:
         """Return the processes to run; raises Invalid for a missing command or hub.
@@ -127,6 +135,7 @@ class Launch(Struct, frozen=True):
             "QUADCTL_NODE": name,
             "QUADCTL_RESTARTS": str(restarts),
             "QUADCTL_SUPERVISED": "1",
+            "QUADCTL_BUNDLED_BY": ",".join(self.bundling),
             "QUADCTL_RECORD": self.record,
             "QUADCTL_RECORD_LITTLE": "1" if self.guarded else "",
             "QUADCTL_INSECURE": "1" if self.insecure else "",

@@ -93,15 +93,15 @@ def depart(plan: Plan, mode: FlightMode, spin_up: float, limits: Limits) -> tupl
     moves = (here == 0.0) & (plan[6] < limits[6])
     flat = (z - sz) * (z - sz) < FLAT * FLAT * way
     # Contact takes the speed to the side, and a soft velocity_gain takes long to make up for
-    # it: near the floor a flight begins where the vehicle soonest stops, straight up.
+    # it: near the floor a flight begins straight up, once the vehicle has stopped as `brake` does it.
     rises = (sz < HOP - REST) | (ez < HOP - REST)
     lands = rises & (here > 0.0) & (z <= 0.0)
     hops = rises & (lands == 0.0) & (low | moves | flat)
-    bx, by, _ = trajectory.braking_place(plan, limits)
-    lx = bx if rises else x
-    ly = by if rises else y
+    sideways = (plan[0][1] != 0.0) | (plan[0][2] != 0.0) | (plan[1][1] != 0.0) | (plan[1][2] != 0.0)
+    lx = plan[0][0] if rises else x
+    ly = plan[1][0] if rises else y
     lz = HOP if hops | low else z
-    if begins & trajectory.passes(plan, lx, ly, lz, limits):
+    if begins & ((rises & sideways) | trajectory.passes(plan, lx, ly, lz, limits)):
         plan, mode = brake(plan, mode, limits)
         braking = TURNS
         hop = 0.0

@@ -506,12 +506,6 @@ def halt(x: Axis, y: Axis, z: Axis, limits: Limits) -> tuple[Axis, Axis, Axis]:
     return end(x, limits), end(y, limits), end(z, limits)
 
 
-def braking_place(plan: Plan, limits: Limits) -> tuple[float, float, float]:
-    """Return the place where the axes would stop after `brake`, m."""
-    x, y, z = halt(plan[0], plan[1], plan[2], limits)
-    return x[3], y[3], z[3]
-
-
 def brake(plan: Plan, limits: Limits) -> Plan:
     """Return a plan that stops as soon as it can; axes that gain share later stop nearer."""
     x, y, z, moving, _, periods, _ = plan

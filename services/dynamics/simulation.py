@@ -108,6 +108,7 @@ class Simulation:
     ) -> None:
         """Start the first boot; ask `faster` before each pose until it returns a function."""
         self._node, self._params = node, params.dynamics
+        self._in_lockstep = params.dynamics.in_lockstep
         self._faster = faster
         self._reported = FaultyPose(params.dynamics.fault)
         self._boots: set[str] = set()
@@ -141,6 +142,8 @@ class Simulation:
         self._answered, self._braked, self._last_setpoint = -1, True, 0.0
         self._latch, self._ignores, self._alone = GoalLatch(), False, False
         self._lands = False
+        self._followed: Setpoint | None = None
+        """Setpoint that the vehicle follows, if it has followed it since."""
         self._mark()
         self._node.log.info("boot %s", self._boot)
         self._log_limits()
@@ -172,11 +175,12 @@ class Simulation:
         While nobody subscribes to the poses between those that safety answers, a tick flies all of
         them at once: each wake of a process costs more than the flight between two poses.
         """
-        params = self._params
-        together = params.rate / POSE_SLOW.hz
-        waits = self._in_lockstep or not self._answer_is_due or self.poses.has_subscribers
-        self._poses_per_tick = 1 if waits or together % 1 else int(together)
-        return params.rate * (params.speed or math.inf) / self._poses_per_tick
+        rate = self._params.rate
+        if self._in_lockstep:
+            return rate * (self._params.speed or math.inf)
+        waits = not self._answer_is_due or rate % POSE_SLOW.hz or self.poses.has_subscribers
+        self._poses_per_tick = 1 if waits else int(rate / POSE_SLOW.hz)
+        return rate / self._poses_per_tick
 
     def tick(self, now: float) -> None:
         """Fly up to a time on the monotonic clock, s, as if each pose had its own tick."""
@@ -197,10 +201,6 @@ class Simulation:
                 self._brake()
         self._advance()
         self._last_tick = now
-
-    @property
-    def _in_lockstep(self) -> bool:
-        return self._params.in_lockstep
 
     def _advance(self) -> None:
         """Fly one pose's time, and publish the pose."""
@@ -223,7 +223,8 @@ class Simulation:
             self._judged = flown
             self._unheld = airworthiness.why_not_held(flown.vehicle, flown.control, flown.wind)
         why = self._unheld
-        if not (why or vehicle.standing or math.dist(vehicle.position, vehicle.setpoint) < _ASTRAY):
+        still = vehicle.standing or vehicle.is_still
+        if not (why or still or math.dist(vehicle.position, vehicle.setpoint) < _ASTRAY):
             why = f"the vehicle is {_ASTRAY:g} m off its setpoint"
         if why and not self._lands:
             self._node.log.warning("stopped and landing, no goal is taken: %s", why)
@@ -256,14 +257,14 @@ class Simulation:
             Quaternion(*state[6:10]), BodyRates(*state[10:13]),
         )  # fmt: skip
         reported = self._reported.through(pose)
-        self._unsent.append(reported)
-        if self._params.speed != 0 or self._answer_is_due:
+        # To encode and route a pose for nobody would take half as long as its flight.
+        if self._in_lockstep or self.poses.has_subscribers:
+            self._unsent.append(reported)
+        if self._unsent and (self._params.speed != 0 or self._answer_is_due):
             if self._all_poses:
                 self._all_poses.put(Poses(self._unsent.copy()))
-            # To encode and route a pose for nobody would take half as long as its flight.
-            if self._in_lockstep or self.poses.has_subscribers:
-                for pose in self._unsent:
-                    self.poses.put(pose)
+            for pose in self._unsent:
+                self.poses.put(pose)
             self._unsent.clear()
         if self._answer_is_due:
             self._due_poses.put(reported)
@@ -325,6 +326,8 @@ class Simulation:
             self._latch.resumed()
             self._node.log.info("setpoints are back after %.2g s: flying on", silence)
         self._alone = False
+        if self._follows_already(setpoint):
+            return
         accepts = self._latch.accepts(setpoint.position, brake=setpoint.brake)
         if self._lands:
             self._latch.stopped()
@@ -337,3 +340,14 @@ class Simulation:
         elif accepts:
             self._vehicle.goto(*structs.astuple(setpoint.position))
         self._braked = setpoint.brake or not accepts
+        self._followed = setpoint
+
+    def _follows_already(self, setpoint: Setpoint) -> bool:
+        """Return whether this setpoint repeats the one that the vehicle follows, in all but its number."""
+        last = self._followed
+        return (
+            last is not None
+            and not (self._ignores or self._lands)
+            and self._braked is setpoint.brake is last.brake
+            and setpoint.position == last.position
+        )

@@ -14,7 +14,13 @@ from quadctl.schemas.params import DynamicsParams
 from quadctl.services.airspace.airworthiness import LAGS_TO_SPIN_UP
 from quadctl.services.dynamics import flight_modes, trajectory, wind
 from quadctl.services.dynamics.controller import PERIOD, control_constants
-from quadctl.services.dynamics.flight_modes import TURNS, Constants, FlightMode, fresh
+from quadctl.services.dynamics.flight_modes import (
+    PERIODS_TO_REST,
+    TURNS,
+    Constants,
+    FlightMode,
+    fresh,
+)
 from quadctl.services.dynamics.rigidbody import STEP, Motors, State, body_constants
 from quadctl.services.dynamics.rotor import hover_speed, mixer_constants
 from quadctl.services.dynamics.trajectory import Limits, Plan, limits_of
@@ -183,6 +189,11 @@ class Vehicle:
     def standing(self) -> bool:
         """Return whether it is on the floor with idle motors."""
         return self._mode[0] > 0.0
+
+    @property
+    def is_still(self) -> bool:
+        """Return whether it stays as it is until its next command: at rest on its setpoint or the floor."""
+        return self._mode[2] >= PERIODS_TO_REST
 
     def stand(self) -> None:
         """Let the motors idle, with the setpoint on the floor below."""

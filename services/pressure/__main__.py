@@ -130,15 +130,24 @@ class Rhythm:
 
     def run(self) -> None:
         """Take readings until stopped."""
-        if not self._node.wait_for(lambda: self._pose is not None, FIRST_POSE):
-            # A vehicle that is not ours may publish no others than the fast ones.
-            self._is_ours = False
+        there = self._node.wait_for(lambda: self._newest() is not None, FIRST_POSE)
+        # A vehicle that is not ours may publish no others than the fast ones.
+        self._is_ours = there or self._node.expects(POSE_SLOW)
         self._node.every(lambda: self._params.pressure.rate, self._tick)
 
     def _tick(self, now: float) -> None:
         self._change_topic()
         if not self._lockstep:
-            self._output.read(now, self._pose)
+            self._output.read(now, self._newest())
+
+    def _newest(self) -> Pose | None:
+        if (
+            not self._lockstep
+            and (pose := self._poses.value) is not None
+            and pose is not self._pose
+        ):
+            self._on_pose(pose)
+        return self._pose
 
     def _on_params(self) -> None:
         self._output.log_fault()
@@ -160,8 +169,9 @@ class Rhythm:
             self._poses = self._listen()
 
     def _listen(self) -> Subscription[Any]:
-        # In real time, poses between two readings need wake no process.
-        return self._node.listen(self._topic, self._on_poses, _DEPTH, wakes=self._lockstep)
+        # In real time, only the newest pose at a reading matters.
+        handler = self._on_poses if self._lockstep else None
+        return self._node.listen(self._topic, handler, _DEPTH)
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""

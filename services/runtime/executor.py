@@ -90,18 +90,20 @@ class _Beat:
 
     def __init__(self, hz: float | Callable[[], float], begin: Callable[[float], float]) -> None:
         self._rate_now, self._begin = hz if callable(hz) else lambda: hz, begin
-        self._rate, self._count = self._rate_now(), 0
-        self._last = self._start = begin(self._rate)
+        self._rate = self._rate_now()
+        self._last = begin(self._rate)
+        self._count_from(self._last, 0)
 
-    @property
-    def due(self) -> float:
-        """Return the time of the next tick, monotonic s."""
-        return self._start + self._count / self._rate
+    def _count_from(self, start: float, count: int) -> None:
+        self._start, self._count = start, count
+        self.due = start + count / self._rate
+        """Time of the next tick, monotonic s."""
 
     def is_due(self, now: float) -> bool:
         """Return whether the next tick is due, at its rate as it is now."""
         if (rate := self._rate_now()) != self._rate:
-            self._rate, self._start, self._count = rate, self._last, 1
+            self._rate = rate
+            self._count_from(self._last, 1)
             return False
         if now < self.due:
             return False
@@ -111,9 +113,9 @@ class _Beat:
 
     def passed(self) -> None:
         """Count a tick; drop those that were missed."""
-        self._count += 1
+        self._count_from(self._start, self._count + 1)
         if time.monotonic() > self.due + _LATE:
-            self._start, self._count = self._begin(self._rate), 1
+            self._count_from(self._begin(self._rate), 1)
 
 
 class Executor:
@@ -134,7 +136,7 @@ class Executor:
         self._inbox, self._origin = CallbackQueue() if inbox is None else inbox, origin
         self._outbox, self._schedule = outbox, schedule
         self._ticker: _Ticker | None = None
-        self._sources: list[Callable[[], None]] = []
+        self._sources: tuple[Callable[[], None], ...] = ()
         self._retimed = False
         self.waits = 0
         """Number of `wait_for` calls in progress: any item may fulfil their conditions."""
@@ -198,15 +200,15 @@ class Executor:
 
     def add_poller(self, source: Callable[[], None]) -> None:
         """Call `source` before every tick and call, to read messages that did not wake the loop."""
-        self._sources.append(source)
+        self._sources += (source,)
 
     def remove_poller(self, source: Callable[[], None]) -> None:
         """Call a poller no more."""
-        self._sources.remove(source)
+        self._sources = tuple(each for each in self._sources if each != source)
 
     def poll(self) -> None:
         """Call every poller."""
-        for source in tuple(self._sources):
+        for source in self._sources:
             source()
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:

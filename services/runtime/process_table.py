@@ -31,6 +31,9 @@ GRACE = 0.3
 """Seconds that a process has to end when asked, before it is killed."""
 _RECORDERS_GRACE = 3.0
 """Seconds; the recorder writes an index, 0.25 s for each hour that it has recorded."""
+_HUBS_PATIENCE = 0.02
+"""Seconds for each vehicle that the hub may be silent: some fifty declarations of each keep it busy when
+the run starts, and all of them again when it comes back itself."""
 _GATES_PATIENCE = 10.0
 """Seconds that the gate may be silent: 30 hubs that reconnect at once, e.g. after a change of the
 list of names, keep it busy for 1-2 s; killing it then makes all of them reconnect again."""
@@ -65,6 +68,7 @@ def table(
     gate: bool = False,
     record: bool = False,
     bridges: Collection[str] = (),
+    vehicles: int = 1,
 ) -> tuple[Process, ...]:
     """Return our nodes and the file's `[processes]`, which replace ours by name or are added.
 
@@ -76,6 +80,7 @@ def table(
         if name not in names:
             hint = f"one of {', '.join(names)}"
             raise Invalid(f"--without {name}: there is no such process", hint)
+    patience = {"hub": _HUBS_PATIENCE * vehicles, GATE: _GATES_PATIENCE}
     import re  # takes 6 ms, and most commands only need the names of our nodes
 
     for name in names:
@@ -94,7 +99,7 @@ def table(
             name in ours,
             name in commands,
             _RECORDERS_GRACE if name == RECORDER else GRACE,
-            _GATES_PATIENCE if name == GATE else 0.0,
+            patience.get(name, 0.0),
         )
         for name in names
         if name not in without

@@ -76,6 +76,10 @@ class FakeNode:
         """Return a publisher that keeps its messages in `published`."""
         return FakePublisher(topic.name, self.published)
 
+    def expects(self, _topic: Topic[Any]) -> bool:
+        """Return False: nobody else runs."""
+        return False
+
     def listen(
         self, topic: Topic[Any], handler: Callable[[Any], None] | None = None, *_: int, **__: bool
     ) -> "FakeSubscription":
@@ -139,6 +143,9 @@ class FakeNode:
         topic, message = self._received.popleft()
         if topic.name in self._listeners:
             self._listeners[topic.name].take(message)
+        if isinstance(message, Pose):
+            self._now = (message.boot, message.stamp)
+            self._boots.add(message.boot)
         self._execute(held=False)
         return True
 

@@ -62,6 +62,8 @@ class Safety:
 
     def __init__(self, node: Node, params: Params, traffic: Traffic) -> None:
         self._node, self._params = node, params
+        self._is_stepped = params.dynamics.in_lockstep
+        """True in lock-step: silence then stops the clock, not the flight."""
         self._states = node.publisher(STATE)
         self._setpoints = node.publisher(SETPOINT, together=True)
         self._zones = node.publisher(ZONES)
@@ -145,11 +147,6 @@ class Safety:
         """Return for how long (s) this loop was held up after a time (monotonic s), if it was."""
         return self._held if self._resumed > seen else 0.0
 
-    @property
-    def _is_stepped(self) -> bool:
-        """Return whether the run is in lock-step: silence then stops the clock, not the flight."""
-        return self._params.dynamics.in_lockstep
-
     def _on_state(self, state: SafetyState, line: str) -> None:
         self._states.put(state)
         if line:
@@ -185,10 +182,11 @@ class Safety:
             # A repeated pose is no news of the vehicle.
             self._newest, before = pose, self._seen
             self._seen = self._poses.received
-            if before and not self._is_stepped:
+            silence = self._seen - before - _UNSEEN if before and not self._is_stepped else 0.0
+            if silence > self._params.safety.pose_timeout:
                 # This loop's own delay: up to now, up to its last tick, or earlier in the silence.
                 own = max(time.monotonic() - self._ticked, self._stall, self._held_since(before))
-                self.monitor.silent(self._seen - before - _UNSEEN, own)
+                self.monitor.silent(silence, own)
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > LOST_AFTER:
@@ -241,7 +239,8 @@ def run(node: Node, params: Params, traffic: Traffic | None = None) -> None:
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
     safety = Safety(node, params, traffic or Traffic())
-    if not node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE):
+    there = node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE)
+    if not there and not node.expects(POSE_SLOW):
         safety.listen_to_all_poses()
     safety.serve()
     node.every(SETPOINT.hz, safety.tick)

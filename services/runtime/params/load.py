@@ -225,8 +225,8 @@ def launch_lines(section: Struct, like: Struct | None = None) -> Iterator[str]:
         yield f"Param: {name.replace('_', ' ').replace('.', ' ')} - {value}"
 
 
-MOST = 200
-"""Vehicles in one run. With 300, a hub learns their endpoints too slowly for the start's time."""
+MOST = 1000
+"""Vehicles in one run. The time in which a hub learns their endpoints grows with the square of their number."""
 _GRID, _RADII = 2.0, 2.2
 """Metres between two vehicles at the start, and radii of their separation, if that is more."""
 _SHARED = ("hub", "supervise", "processes", "dynamics.speed", "dynamics.lockstep")

@@ -101,6 +101,7 @@ class Launch(Struct, frozen=True):
             gate=bool(gate),
             record=bool(self.record),
             bridges=self.bridges,
+            vehicles=len(self.fleet),
         )
         self._check_hub(rows)
         path = self.environment("", 0)["PATH"]

@@ -117,9 +117,10 @@ def test_a_stop_without_a_goal_locks_no_goal():
 class Blown:
     """Vehicle in the air, with setpoints to one goal until another is set."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, lockstep: bool = False) -> None:
         self.params = Params()
         self.params.dynamics.start.z = 1.0
+        self.params.dynamics.lockstep = lockstep
         self.node = FakeNode("dynamics", self.params, [], [])
         self.simulation = Simulation(cast("Node", self.node), self.params)
         self.vehicle = self.simulation._vehicle
@@ -202,19 +203,14 @@ def test_a_tick_for_several_poses_flies_as_a_tick_for_each(late: float):
     assert flown[0] == flown[1]
 
 
-def test_poses_without_a_subscriber_are_published_in_lockstep_only():
-    blown = Blown()
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_poses_without_a_subscriber_are_published_in_lockstep_only(lockstep: bool):
+    blown = Blown(lockstep=lockstep)
     simulation = blown.simulation
     cast("FakePublisher", simulation.poses).has_subscribers = False
-
-    def published() -> int:
-        blown.node.published.clear()
-        simulation.publish()
-        return sum(topic == POSE.name for topic, _ in blown.node.published)
-
-    assert published() == 0
-    blown.params.dynamics.lockstep = True
-    assert published() == 1
+    blown.node.published.clear()
+    simulation.publish()
+    assert sum(topic == POSE.name for topic, _ in blown.node.published) == lockstep
 
 
 def test_a_tick_flies_several_poses_only_between_two_answers_and_in_real_time():
@@ -231,8 +227,8 @@ def test_a_tick_flies_several_poses_only_between_two_answers_and_in_real_time():
     for _ in range(4):
         simulation.tick(1.0)
     assert simulation.tick_rate() == 20
-    blown.params.dynamics.lockstep = True
-    assert simulation.tick_rate() == 100
-    blown.params.dynamics.lockstep = False
     blown.params.dynamics.rate = 25.0
     assert simulation.tick_rate() == 25
+    stepped = Blown(lockstep=True).simulation
+    cast("FakePublisher", stepped.poses).has_subscribers = False
+    assert stepped.tick_rate() == 100

@@ -263,9 +263,10 @@ def test_the_nodes_are_listed_in_their_start_order():
         assert process.must_announce
 
 
-def test_the_gate_may_be_silent_for_longer_than_the_flight_nodes():
+def test_the_gate_may_be_silent_for_longer_than_the_flight_nodes_and_the_hub_with_many_vehicles():
     patience = {process.name: process.patience for process in table({}, gate=True)}
-    assert patience == dict.fromkeys(NODES, 0.0) | {"gate": 10.0}
+    assert patience == dict.fromkeys(NODES, 0.0) | {"hub": 0.02, "gate": 10.0}
+    assert table({}, vehicles=1000)[0].patience == 20.0
 
 
 def test_a_command_can_replace_a_node_and_must_announce_itself():

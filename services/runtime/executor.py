@@ -16,6 +16,8 @@ from queue import Empty, SimpleQueue
 from types import FrameType
 from typing import Any
 
+from quadctl.schemas.topics import period
+
 Item = Callable[[], None]
 
 LOOK_UP = 0.5
@@ -85,13 +87,15 @@ class _Beat:
     """Times of ticks, counted and not added up, so that none is lost to rounding.
 
     A callable rate (Hz) is read at every tick and after `retime`; a new rate counts from the last tick.
-    `begin` returns the start (monotonic s) of a count of ticks at a rate.
+    `begin` returns the start of a count of ticks at a rate, from a time (monotonic s).
     """
 
-    def __init__(self, hz: float | Callable[[], float], begin: Callable[[float], float]) -> None:
+    def __init__(
+        self, hz: float | Callable[[], float], begin: Callable[[float, float], float]
+    ) -> None:
         self._rate_now, self._begin = hz if callable(hz) else lambda: hz, begin
         self._rate = self._rate_now()
-        self._last = begin(self._rate)
+        self._last = begin(self._rate, time.monotonic())
         self._count_from(self._last, 0)
 
     def _count_from(self, start: float, count: int) -> None:
@@ -103,19 +107,19 @@ class _Beat:
         """Return whether the next tick is due, at its rate as it is now."""
         if (rate := self._rate_now()) != self._rate:
             self._rate = rate
-            self._count_from(self._last, 1)
+            self._count_from(self._begin(rate, self._last), 1)
             return False
         if now < self.due:
             return False
-        # Not `now`: loops that tick together would drift apart with each new rate.
+        # Not `now`: with each new rate, loops would drift apart that tick together.
         self._last = self.due
         return True
 
     def passed(self) -> None:
         """Count a tick; drop those that were missed."""
         self._count_from(self._start, self._count + 1)
-        if time.monotonic() > self.due + _LATE:
-            self._count_from(self._begin(self._rate), 1)
+        if (now := time.monotonic()) > self.due + _LATE:
+            self._count_from(self._begin(self._rate, now), 1)
 
 
 class Executor:
@@ -264,12 +268,11 @@ class Executor:
         finally:
             self.waits -= 1
 
-    def _beat(self, rate: float) -> float:
-        """Return the start of the tick count: now, or the last common tick of this origin."""
-        now = time.monotonic()
+    def _beat(self, rate: float, now: float) -> float:
+        """Return the start of a count of ticks: `now`, or the last common tick of this origin."""
         if self._origin is None or rate == math.inf:
             return now
-        return self._origin + math.floor((now - self._origin) * rate) / rate
+        return self._origin + period(now - self._origin, rate) / rate
 
     def _serve_until(self, deadline: float) -> bool:
         """Serve the queue until a time on the monotonic clock; False when stopped.

@@ -5,9 +5,10 @@ the others are by then. Vehicles that stand on each other's goals make room firs
 waits only for the earlier legs that it comes too near, so that most fly at the same time.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from itertools import pairwise, product
-from math import ceil, dist
+from math import ceil, dist, floor
 
 from msgspec import Struct
 
@@ -76,6 +77,9 @@ def plan(places: Mapping[str, Point], goals: Mapping[str, Point], space: Space) 
 def _check_goals(places: Mapping[str, Point], goals: Mapping[str, Point], space: Space) -> None:
     ends = dict(places) | dict(goals)
     for name, goal in goals.items():
+        if not space.free(name, goal, goal):
+            hint = "no vehicle was sent; `quadctl cage show` and `quadctl zone list` print what is in force"
+            raise Refused(f"the goal of {name} is outside its cage or in a zone", hint)
         for other, place in ends.items():
             if other != name and not _apart(goal, place, space):
                 where = "goal" if other in goals else "place"
@@ -114,6 +118,46 @@ def _parts(a: Point, b: Point) -> list[tuple[Point, Point]]:
     return [(start, end) for start, end, _ in legs((a, b))]
 
 
+_Named = Sequence[tuple[str, Point]]
+"""Points (m), each with the name of its vehicle."""
+
+
+class _Cells:
+    """Points (m) by squares of the floor, to find those near a place without a look at all of them."""
+
+    def __init__(self, points: Iterable[tuple[str, Point]], size: float) -> None:
+        """Take named points, and the side (m) of a square."""
+        self._size = size
+        self._cells: dict[tuple[int, int], list[tuple[str, Point]]] = {}
+        for name, point in points:
+            self._cells.setdefault(self._cell(point[0], point[1]), []).append((name, point))
+
+    def _cell(self, x: float, y: float) -> tuple[int, int]:
+        return floor(x / self._size), floor(y / self._size)
+
+    def near(self, x: float, y: float) -> _Named:
+        """Return all points within a square's side of a place, and some that are farther."""
+        i, j = self._cell(x, y)
+        around = product((i - 1, i, i + 1), (j - 1, j, j + 1))
+        return [found for cell in around for found in self._cells.get(cell, ())]
+
+
+_Floor = tuple[float, float, float, float]
+"""Part of the floor (m): the least and the greatest x, the least and the greatest y."""
+
+
+def _floor_of(a: Point, b: Point, keeps: float) -> _Floor:
+    """Return the part of the floor within a distance (m) of a way, and some more."""
+    (x0, y0, _), (x1, y1, _) = a, b
+    low, high = (x0, x1) if x0 < x1 else (x1, x0)
+    least, most = (y0, y1) if y0 < y1 else (y1, y0)
+    return low - keeps, high + keeps, least - keeps, most + keeps
+
+
+def _is_over(p: Point, ground: _Floor) -> bool:
+    return ground[0] <= p[0] <= ground[1] and ground[2] <= p[1] <= ground[3]
+
+
 class _Plan:
     """Plan in the making: where the vehicles are by then, and the legs so far."""
 
@@ -126,6 +170,12 @@ class _Plan:
         """When each leg ends, at a guess, s."""
         self._last: dict[str, int] = {}
         """Number of each vehicle's last leg."""
+        self._near = space.across + 2 * _MARGIN
+        """Distance (m) to the side beyond which nothing matters to a way."""
+        self._moves: list[Point] = []
+        """Places from where and to where vehicles went, in order."""
+        self._failed: dict[str, tuple[int, float]] = {}
+        """By vehicle without a way: the number of moves by then, and the height that others have at most."""
 
     def legs(self) -> list[Leg]:
         left = list(self._goals)
@@ -143,46 +193,66 @@ class _Plan:
 
     def _send(self, name: str, end: Point) -> bool:
         """Append the quickest way of a vehicle to a point; return whether there is one."""
+        if end == self._goals.get(name) and not self._may_have_changed(name):
+            return False
         timed = [self._timed(name, points) for points in self._ways(name, end)]
         if not timed:
+            self._failed[name] = len(self._moves), self._top()
             return False
         legs, ends = min(timed, key=lambda one: one[1][-1])
         self._legs += legs
         self._ends += ends
+        self._moves += self._at[name], end
         self._last[name], self._at[name] = len(self._legs) - 1, end
         return True
+
+    def _may_have_changed(self, name: str) -> bool:
+        """Return whether a vehicle without a way to its goal may have one since: others have gone there."""
+        moves, top = self._failed.get(name, (-1, 0.0))
+        if moves < 0 or top != self._top():
+            return True
+        ground = _floor_of(self._at[name], self._goals[name], self._near)
+        return any(_is_over(place, ground) for place in self._moves[moves:])
+
+    def _top(self) -> float:
+        """Return the greatest height (m) of all places and goals."""
+        return max(place[2] for place in (*self._at.values(), *self._goals.values()))
 
     def _ways(self, name: str, end: Point) -> Iterator[tuple[Point, ...]]:
         """Yield the ways past the places of the others: straight, and by each height."""
         start = self._at[name]
+        ground = _floor_of(start, end, self._near)
+        near = [one for one in self._at.items() if one[0] != name and _is_over(one[1], ground)]
         # A flight from the floor is straight only if it is a climb.
-        if (start[2] >= LOW or start[:2] == end[:2]) and self._is_free(name, start, end):
+        if (start[2] >= LOW or start[:2] == end[:2]) and self._is_free(name, near, start, end):
             yield start, end
         for z in self._heights():
             points = (start, (*start[:2], z), (*end[:2], z), end)
             way = [a for a, b in pairwise(points) if a != b] + [end]
-            if len(way) > 1 and all(self._is_free(name, a, b) for a, b in pairwise(way)):
+            if len(way) > 1 and all(self._is_free(name, near, a, b) for a, b in pairwise(way)):
                 yield tuple(way)
 
     def _heights(self) -> list[float]:
         low, high = self._space.low[2] + _LOWEST, self._space.high[2]
         step = self._space.tall + 1.1 * _MARGIN
-        known = (*self._at.values(), *self._goals.values())
-        high = min(high, max(place[2] for place in known) + _HIGHEST * step)
+        high = min(high, self._top() + _HIGHEST * step)
         heights = [low + n * step for n in range(ceil((high - low) / step))]
         return [*heights, high]
 
-    def _is_free(self, name: str, a: Point, b: Point) -> bool:
-        return all(self._is_clear(name, start, end) for start, end in _parts(a, b))
+    def _is_free(self, name: str, near: _Named, a: Point, b: Point) -> bool:
+        return all(self._is_clear(name, near, start, end) for start, end in _parts(a, b))
 
-    def _is_clear(self, name: str, a: Point, b: Point) -> bool:
-        for other, place in self._at.items():
+    def _is_clear(self, name: str, near: _Named, a: Point, b: Point) -> bool:
+        ground = _floor_of(a, b, self._near)
+        for other, place in near:
+            if not _is_over(place, ground):
+                continue
             leaves = place != self._goals.get(other, place)
             to_way = _rise_to_way if leaves else _point_to_way
-            if other != name and to_way(place, a, b, self._space) < 1:
+            if to_way(place, a, b, self._space) < 1:
                 # One that stands too near already may be left, but not approached.
-                near = to_way(place, a, a, self._space)
-                if near >= 1 or to_way(place, a, b, self._space) < near:
+                now = to_way(place, a, a, self._space)
+                if now >= 1 or to_way(place, a, b, self._space) < now:
                     return False
         return self._space.free(name, a, b)
 
@@ -193,10 +263,16 @@ class _Plan:
         earlier = self._last.get(name)
         begins = 0.0 if earlier is None else self._ends[earlier]
         for a, b in pairwise(points):
+            west, east, south, north = _floor_of(a, b, self._near)
             after = tuple(
                 number
                 for number, leg in enumerate(self._legs)
-                if leg.vehicle != name and self._meet(leg, a, b)
+                if (leg.start[0] >= west or leg.end[0] >= west)
+                and (leg.start[0] <= east or leg.end[0] <= east)
+                and (leg.start[1] >= south or leg.end[1] >= south)
+                and (leg.start[1] <= north or leg.end[1] <= north)
+                and leg.vehicle != name
+                and self._meet(leg, a, b)
             )
             begins = max([begins, *(self._ends[number] for number in after)])
             begins += dist(a, b) / _SPEED + _STOP
@@ -216,30 +292,35 @@ class _Plan:
 
         First those go that have gone least often, and those that have not arrived.
         """
-        spots = self._spots()
+        spots, taken = self._spots(), set(stuck)
+        places = _Cells(self._at.items(), self._near)
+        ends = ((name, end) for name in stuck for end in (self._at[name], self._goals[name]))
+        wanted = _Cells(ends, 2 * self._space.across)
+        goals = _Cells(((name, self._goals[name]) for name in stuck), self._near)
         there = [
-            name for name in self._goals if name not in stuck and self._is_near_any(name, stuck)
+            name for name in self._goals if name not in taken and self._is_near_any(name, wanted)
         ]
         for name in sorted([*stuck, *there], key=lambda name: done.get(name, 0)):
             if done.get(name, 0) == _MOST_MOVES:
                 break
             start = self._at[name]
             for _, spot in sorted(spots, key=lambda spot: (spot[0], dist(spot[1], start))):
-                if self._keeps_clear(name, spot, stuck) and self._send(name, spot):
+                if self._keeps_clear(name, spot, places, goals) and self._send(name, spot):
                     done[name] = done.get(name, 0) + 1
                     return name
         return ""
 
-    def _is_near_any(self, name: str, stuck: Sequence[str]) -> bool:
+    def _is_near_any(self, name: str, ends: _Cells) -> bool:
         """Return whether a vehicle is above, below or beside one that is stuck, or its goal."""
         x, y, _ = self._at[name]
-        ends = (p for other in stuck for p in (self._at[other], self._goals[other]))
-        return any((x - p[0]) ** 2 + (y - p[1]) ** 2 < (2 * self._space.across) ** 2 for p in ends)
+        most = (2 * self._space.across) ** 2
+        return any((x - p[0]) ** 2 + (y - p[1]) ** 2 < most for _, p in ends.near(x, y))
 
-    def _keeps_clear(self, name: str, spot: Point, stuck: Sequence[str]) -> bool:
-        others = (place for other, place in self._at.items() if other != name)
-        goals = (self._goals[other] for other in stuck)
-        return all(_apart(spot, point, self._space) for point in (*others, *goals))
+    def _keeps_clear(self, name: str, spot: Point, places: _Cells, goals: _Cells) -> bool:
+        """Return whether a spot is apart from the places of others, and from the goals of those stuck."""
+        others = [place for other, place in places.near(*spot[:2]) if other != name]
+        ends = [goal for _, goal in goals.near(*spot[:2])]
+        return all(_apart(spot, point, self._space) for point in (*others, *ends))
 
     def _spots(self) -> list[tuple[int, Point]]:
         """Return points to make room at, on a grid around all places and goals.
@@ -257,10 +338,13 @@ class _Plan:
         spots: list[Point] = list(product(*axes))  # type: ignore[arg-type]
         every = ceil(len(spots) / _MOST_SPOTS)
         wide = (self._space.across + _MARGIN) ** 2
-        return [
-            (sum((x - p[0]) ** 2 + (y - p[1]) ** 2 < wide for p in known), (x, y, z))
-            for x, y, z in spots[::every]
-        ]
+        cells = _Cells((("", p) for p in known), self._near)
+
+        @cache
+        def in_way(x: float, y: float) -> int:
+            return sum((x - p[0]) ** 2 + (y - p[1]) ** 2 < wide for _, p in cells.near(x, y))
+
+        return [(in_way(x, y), (x, y, z)) for x, y, z in spots[::every]]
 
     def _refused(self, stuck: Sequence[str]) -> Refused:
         name = stuck[0]

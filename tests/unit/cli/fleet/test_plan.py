@@ -56,6 +56,21 @@ def test_vehicles_with_free_ways_fly_at_once():
     check(places, legs, goals)
 
 
+def test_a_goal_that_the_cage_bars_is_named_at_once():
+    places = {f"uav{n}": (float(n), 0.0, 1.0) for n in range(300)}
+    goals = {name: (x, 0.0, 6.0) for name, (x, _, _) in places.items()}
+    with pytest.raises(Refused, match="the goal of uav0 is outside its cage or in a zone"):
+        plan(places, goals, space(size=400.0))
+
+
+def test_three_hundred_vehicles_each_fly_to_the_place_of_the_next_one():
+    places = {f"uav{n}": (2.0 * (n % 20), 2.0 * (n // 20), 1.0) for n in range(300)}
+    goals = dict(zip(places, [*places.values()][1:] + [places["uav0"]], strict=True))
+    legs = plan(places, goals, space(size=400.0))
+    assert {leg.vehicle: leg.end for leg in legs} == goals
+    assert all(before < number for number, leg in enumerate(legs) for before in leg.after)
+
+
 def test_a_row_that_moves_on_along_itself_starts_at_its_head():
     places = {f"uav{n}": (float(n), 0.0, 0.0) for n in range(3)}
     goals = {name: (x + 1, 0.0, 0.0) for name, (x, _, _) in places.items()}

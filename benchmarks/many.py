@@ -2,7 +2,9 @@
 
 import time
 from collections import Counter
+from collections.abc import Sequence
 from itertools import cycle
+from random import Random
 
 import msgspec
 import zenoh
@@ -13,6 +15,7 @@ from benchmarks.effort import Effort
 from benchmarks.raw.session import opened
 from benchmarks.results import Results
 from benchmarks.system import Home, running
+from quadctl.cli.fleet.plan import Space, plan
 from quadctl.services.dynamics.compiler import have_made
 
 _HZ, _LEAST_HZ = 20, 19
@@ -20,9 +23,13 @@ _SETTLED = 5.0
 _LEG_SECONDS = 2.5
 _AWAY = ((1.0, 0.0, 1.0), (1.0, 1.0, 1.5), (0.0, 1.0, 1.0), (0.0, 0.0, 2.0))
 """Goals (m), relative to the start of a vehicle."""
-_WIDE = ("--set", "safety.virtual_cage.x=100", "--set", "safety.virtual_cage.y=100")
+_WIDE = ("--set", "safety.virtual_cage.x=200", "--set", "safety.virtual_cage.y=200")
 """Options for a larger cage: the grid of starts is larger than the default one."""
-_COUNTS = (1, 10, 100)
+_COUNTS = (1, 10, 100, 300)
+_MANY, _MOVING = 1000, 4
+"""Vehicles of the largest run, and which of them move: one in so many."""
+_SAMPLE = "uav$*00/pose/slow"
+"""Nine vehicles of the largest run: to count the poses of all would take a core of its own."""
 
 
 def measure(results: Results, effort: Effort) -> None:
@@ -31,19 +38,53 @@ def measure(results: Results, effort: Effort) -> None:
     The vehicle's compiled code exists by then: it is made once per machine.
     """
     have_made()
-    hovering = share = 0.0
     for count in _COUNTS:
         with running(*_words(count)) as where, opened(where.endpoint) as session:
             time.sleep(_SETTLED)
             hovering = _busy(where, effort.seconds)
-            share = flying(where, session, count, effort.seconds)
+            share, _ = flying(where, session, _names(count), effort.seconds)
         results.add(f"each_of_{count}", "ours", [share / count])
-    results.add("hover_100", "ours", [hovering])
-    results.add("vehicles_100", "ours", [share])
+        if count >= 100:
+            results.add(f"hover_{count}", "ours", [hovering])
+            results.add(f"vehicles_{count}", "ours", [share])
     for _ in range(effort.large_launches):
         began = time.perf_counter()
-        with running(*_words(max(_COUNTS))):
+        with running(*_words(100)):
             results.seconds("launch_100", "ours", [time.perf_counter() - began])
+    _measure_most(results, effort)
+    _measure_plan(results)
+
+
+def _measure_most(results: Results, effort: Effort) -> None:
+    """Measure a run of a thousand vehicles in the air, a quarter of which move."""
+    began = time.perf_counter()
+    with (
+        running(*_words(_MANY), "--set", "dynamics.start.z=1") as where,
+        opened(where.endpoint) as session,
+    ):
+        results.seconds(f"launch_{_MANY}", "ours", [time.perf_counter() - began])
+        time.sleep(_SETTLED)
+        results.add(f"hover_{_MANY}", "ours", [_busy(where, effort.seconds)])
+        moving = _names(_MANY)[::_MOVING]
+        share, calls = flying(where, session, moving, effort.seconds, _SAMPLE)
+        results.add(f"vehicles_{_MANY}", "ours", [share])
+        results.seconds(f"goto_{_MANY}", "ours", [sorted(calls)[len(calls) * 99 // 100]])
+        results.add(f"memory_{_MANY}", "ours", [sum(map(proc.pss, where.pids()))])
+
+
+def _measure_plan(results: Results) -> None:
+    """Measure the plan in which 300 vehicles change places at random."""
+    names = _names(300)
+    places = {name: (2.0 * (n % 20), 2.0 * (n // 20), 1.0) for n, name in enumerate(names)}
+    goals = dict(zip(names, Random(0).sample([*places.values()], len(names)), strict=True))
+    space = Space(0.6, 0.9, (-100, -100, 0), (100, 100, 20), lambda *_: True)
+    began = time.perf_counter()
+    plan(places, goals, space)
+    results.seconds("plan_300", "ours", [time.perf_counter() - began])
+
+
+def _names(count: int) -> list[str]:
+    return [f"uav{number}" for number in range(count)]
 
 
 def _words(count: int) -> tuple[str, ...]:
@@ -59,39 +100,63 @@ def _busy(where: Home, seconds: float) -> float:
     return 100 * (sum(after.values()) - sum(busy.values())) / passed
 
 
-def flying(where: Home, session: zenoh.Session, count: int, seconds: float) -> float:
-    """Return the run's share of one core (%) for so long; raise Failed if poses are missing."""
-    names = [f"uav{number}" for number in range(count)]
-    homes: dict[str, tuple[float, float]] = {}
+def flying(
+    where: Home,
+    session: zenoh.Session,
+    moving: Sequence[str],
+    seconds: float,
+    watched: str = "*/pose/slow",
+) -> tuple[float, list[float]]:
+    """Return the run's share of one core (%) for so long, and how long (s) each goto took.
+
+    Raises Failed if poses of a vehicle that is `watched` are missing.
+    """
+    homes = _homes(session, moving)
     heard: Counter[str] = Counter()
 
     def on_pose(sample: zenoh.Sample) -> None:
-        name = str(sample.key_expr).partition("/")[0]
-        heard[name] += 1
-        if name not in homes:
-            at = msgspec.msgpack.decode(sample.payload.to_bytes())["position"]
-            homes[name] = at["x"], at["y"]
+        heard[str(sample.key_expr)] += 1
 
-    poses = session.declare_subscriber(
-        "*/pose/slow", zenoh.handlers.Callback(on_pose, indirect=False)
-    )
+    poses = session.declare_subscriber(watched, zenoh.handlers.Callback(on_pose, indirect=False))
     time.sleep(_SETTLED)
     processes, before = where.processes(), Counter(heard)
+    calls: list[float] = []
     busy, began = proc.busy_of(processes), time.monotonic()
     for x, y, z in cycle(_AWAY):
-        for name in names:
+        leg = time.monotonic()
+        for name in moving:
             east, north = homes[name]
+            called = time.perf_counter()
             _send(session, name, {"x": east + x, "y": north + y, "z": z, "replace": True})
-        left = began + seconds - time.monotonic()
-        time.sleep(max(min(left, _LEG_SECONDS), 0))
-        if left <= _LEG_SECONDS:
+            calls.append(time.perf_counter() - called)
+        now = time.monotonic()
+        time.sleep(max(min(began + seconds, leg + _LEG_SECONDS) - now, 0))
+        if time.monotonic() >= began + seconds:
             break
     passed, after = time.monotonic() - began, proc.busy_of(processes)
     poses.undeclare()
-    slowest = min((heard[name] - before[name]) / passed for name in names)
+    slowest = min((heard[key] - before[key]) / passed for key in heard)
     if slowest < _LEAST_HZ:
-        raise Failed(f"of {count} vehicles one has poses at {slowest:.1f} Hz")
-    return 100 * (sum(after.values()) - sum(busy.values())) / passed
+        raise Failed(f"one of {len(heard)} vehicles has poses at {slowest:.1f} Hz")
+    return 100 * (sum(after.values()) - sum(busy.values())) / passed, calls
+
+
+def _homes(session: zenoh.Session, names: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return where (m) each vehicle is, seen from above."""
+    homes: dict[str, tuple[float, float]] = {}
+
+    def on_pose(sample: zenoh.Sample) -> None:
+        at = msgspec.msgpack.decode(sample.payload.to_bytes())["position"]
+        homes[str(sample.key_expr).partition("/")[0]] = at["x"], at["y"]
+
+    callback = zenoh.handlers.Callback(on_pose, indirect=False)
+    poses, deadline = session.declare_subscriber("*/pose/slow", callback), time.monotonic() + 20
+    while not homes.keys() >= set(names):
+        if time.monotonic() > deadline:
+            raise Failed(f"{len(set(names) - homes.keys())} vehicles have no pose")
+        time.sleep(0.05)
+    poses.undeclare()
+    return homes
 
 
 def _send(session: zenoh.Session, name: str, goal: dict[str, float | bool]) -> None:

@@ -174,6 +174,8 @@ class _Plan:
         """Distance (m) to the side beyond which nothing matters to a way."""
         self._moves: list[Point] = []
         """Places from where and to where vehicles went, in order."""
+        self._top = self._highest()
+        """Greatest height (m) of all places and goals."""
         self._failed: dict[str, tuple[int, float]] = {}
         """By vehicle without a way: the number of moves by then, and the height that others have at most."""
 
@@ -197,25 +199,25 @@ class _Plan:
             return False
         timed = [self._timed(name, points) for points in self._ways(name, end)]
         if not timed:
-            self._failed[name] = len(self._moves), self._top()
+            self._failed[name] = len(self._moves), self._top
             return False
         legs, ends = min(timed, key=lambda one: one[1][-1])
         self._legs += legs
         self._ends += ends
         self._moves += self._at[name], end
         self._last[name], self._at[name] = len(self._legs) - 1, end
+        self._top = self._highest()
         return True
 
     def _may_have_changed(self, name: str) -> bool:
         """Return whether a vehicle without a way to its goal may have one since: others have gone there."""
         moves, top = self._failed.get(name, (-1, 0.0))
-        if moves < 0 or top != self._top():
+        if moves < 0 or top != self._top:
             return True
         ground = _floor_of(self._at[name], self._goals[name], self._near)
         return any(_is_over(place, ground) for place in self._moves[moves:])
 
-    def _top(self) -> float:
-        """Return the greatest height (m) of all places and goals."""
+    def _highest(self) -> float:
         return max(place[2] for place in (*self._at.values(), *self._goals.values()))
 
     def _ways(self, name: str, end: Point) -> Iterator[tuple[Point, ...]]:
@@ -235,7 +237,7 @@ class _Plan:
     def _heights(self) -> list[float]:
         low, high = self._space.low[2] + _LOWEST, self._space.high[2]
         step = self._space.tall + 1.1 * _MARGIN
-        high = min(high, self._top() + _HIGHEST * step)
+        high = min(high, self._top + _HIGHEST * step)
         heights = [low + n * step for n in range(ceil((high - low) / step))]
         return [*heights, high]
 
@@ -243,9 +245,10 @@ class _Plan:
         return all(self._is_clear(name, near, start, end) for start, end in _parts(a, b))
 
     def _is_clear(self, name: str, near: _Named, a: Point, b: Point) -> bool:
-        ground = _floor_of(a, b, self._near)
+        ground, tall = _floor_of(a, b, self._near), self._space.tall + 2 * _MARGIN
+        low, high = min(a[2], b[2]) - tall, max(a[2], b[2]) + tall
         for other, place in near:
-            if not _is_over(place, ground):
+            if place[2] > high or max(place[2], HOP) < low or not _is_over(place, ground):
                 continue
             leaves = place != self._goals.get(other, place)
             to_way = _rise_to_way if leaves else _point_to_way

@@ -329,6 +329,12 @@ def _place(frame: FrameType | None) -> str:
     return f"{code.co_name} ({os.path.basename(code.co_filename)}, line {frame.f_lineno})"  # noqa: PTH119
 
 
+_TOGETHER = 128
+"""Nodes that tick together at most: what comes meanwhile waits for all of them."""
+_APART = 1 / 160
+"""Time (s) between the ticks of one group and the next: in 50 ms, the ticks of eight groups."""
+
+
 class MultiNodeExecutor:
     """Executor of several nodes on one thread; when one returns or raises, all are stopped.
 
@@ -352,8 +358,9 @@ class MultiNodeExecutor:
         if self._single:
             return Executor()
         queue = _GreenletQueue(self._runnable.put, self._sleep)
+        group = len(self._queues) // _TOGETHER
         self._queues.append(queue)
-        return Executor(queue, self._origin, self.outbox, self._at)
+        return Executor(queue, self._origin + group * _APART, self.outbox, self._at)
 
     def add_node(self, loop: Executor, run: Callable[[], None]) -> None:
         """Add a node; `run` must return when its loop is stopped."""

@@ -65,7 +65,7 @@ def test_a_goal_that_the_cage_bars_is_named_at_once():
 
 def test_three_hundred_vehicles_each_fly_to_the_place_of_the_next_one():
     places = {f"uav{n}": (2.0 * (n % 20), 2.0 * (n // 20), 1.0) for n in range(300)}
-    goals = dict(zip(places, [*places.values()][1:] + [places["uav0"]], strict=True))
+    goals = dict(zip(places, [*[*places.values()][1:], places["uav0"]], strict=True))
     legs = plan(places, goals, space(size=400.0))
     assert {leg.vehicle: leg.end for leg in legs} == goals
     assert all(before < number for number, leg in enumerate(legs) for before in leg.after)

@@ -87,16 +87,20 @@ class _Beat:
     """Times of ticks, counted and not added up, so that none is lost to rounding.
 
     A callable rate (Hz) is read at every tick and after `retime`; a new rate counts from the last tick.
-    `begin` returns the start of a count of ticks at a rate, from a time (monotonic s).
+    With an `origin` (monotonic s), ticks of equal rates are at the same times.
     """
 
-    def __init__(
-        self, hz: float | Callable[[], float], begin: Callable[[float, float], float]
-    ) -> None:
-        self._rate_now, self._begin = hz if callable(hz) else lambda: hz, begin
+    def __init__(self, hz: float | Callable[[], float], origin: float | None) -> None:
+        self._rate_now, self._origin = hz if callable(hz) else lambda: hz, origin
         self._rate = self._rate_now()
-        self._last = begin(self._rate, time.monotonic())
-        self._count_from(self._last, 0)
+        self._last = self._begin(time.monotonic(), 0)
+
+    def _begin(self, now: float, count: int) -> float:
+        """Count anew from a time (monotonic s), or from the last common tick before; return that."""
+        if self._origin is not None and self._rate < inf:
+            now = self._origin + period(now - self._origin, self._rate) / self._rate
+        self._count_from(now, count)
+        return now
 
     def _count_from(self, start: float, count: int) -> None:
         self._start, self._count = start, count
@@ -107,7 +111,7 @@ class _Beat:
         """Return whether the next tick is due, at its rate as it is now."""
         if (rate := self._rate_now()) != self._rate:
             self._rate = rate
-            self._count_from(self._begin(rate, self._last), 1)
+            self._begin(self._last, 1)
             return False
         if now < self.due:
             return False
@@ -119,7 +123,7 @@ class _Beat:
         """Count a tick; drop those that were missed."""
         self._count_from(self._start, self._count + 1)
         if (now := time.monotonic()) > self.due + _LATE:
-            self._count_from(self._begin(self._rate, now), 1)
+            self._begin(now, 1)
 
 
 class Executor:
@@ -216,11 +220,8 @@ class Executor:
             source()
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
-        """Yield monotonic seconds at a rate, serving the queue in between, until stopped.
-
-        A callable rate may change.
-        """
-        beat = _Beat(hz, self._beat)
+        """Yield monotonic seconds at a rate, which may change, until stopped; serve the queue in between."""
+        beat = _Beat(hz, self._origin)
         while self._serve_until(beat.due):
             now = time.monotonic()
             if beat.is_due(now):
@@ -231,14 +232,13 @@ class Executor:
     def every(self, hz: float | Callable[[], float], tick: Callable[[float], None]) -> None:
         """Call `tick` with the monotonic seconds at a rate until stopped, serving the queue in between.
 
-        Among several nodes a tick is an inline item and must not block: to resume a loop for each would
-        cost more than most ticks.
+        Among several nodes a tick is an inline item: to resume a loop would cost more than most ticks.
         """
         if self._schedule is None:
             for now in self.ticks(hz):
                 tick(now)
         else:
-            self._ticker = _Ticker(self, _Beat(hz, self._beat), tick, self._schedule)
+            self._ticker = _Ticker(self, _Beat(hz, self._origin), tick, self._schedule)
             self._schedule(self._ticker, self._ticker.beat.due)
             self.spin()
 
@@ -267,12 +267,6 @@ class Executor:
             return True
         finally:
             self.waits -= 1
-
-    def _beat(self, rate: float, now: float) -> float:
-        """Return the start of a count of ticks: `now`, or the last common tick of this origin."""
-        if self._origin is None or rate == math.inf:
-            return now
-        return self._origin + period(now - self._origin, rate) / rate
 
     def _serve_until(self, deadline: float) -> bool:
         """Serve the queue until a time on the monotonic clock; False when stopped.

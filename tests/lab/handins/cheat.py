@@ -174,25 +174,18 @@ def sets_the_vehicles_fault():
 
 
 def floods_states():
-    import threading
-
     from quadctl.schemas.messages import CageSize, Position, SafetyState
     from quadctl.services.runtime.bus import codec
 
     def begin(node):
-        now = {}
+        def flood(pose, _goal):
+            about = (1, "HOVERING", Position(0, 0, 1), True, CageSize(5, 5, 5), "x" * 1000)
+            state = SafetyState(pose.boot, pose.stamp, *about)
+            data, encoding = codec.encode(state), codec.encoding(SafetyState)
+            for _ in range(1000):
+                node._session.put("uav/safety/state", data, encoding=encoding)
 
-        def flood():
-            while True:
-                if pose := now.get("pose"):
-                    about = (1, "HOVERING", Position(0, 0, 1), True, CageSize(5, 5, 5), "x" * 1000)
-                    state = SafetyState(pose.boot, pose.stamp, *about)
-                    data, encoding = codec.encode(state), codec.encoding(SafetyState)
-                    for _ in range(100):
-                        node._session.put("uav/safety/state", data, encoding=encoding)
-
-        threading.Thread(target=flood, daemon=True).start()
-        return lambda pose, _goal: now.update(pose=pose)
+        return flood
 
     _lazy(begin)
 

@@ -177,7 +177,7 @@ class _Plan:
         self._top = self._highest()
         """Greatest height (m) of all places and goals."""
         self._failed: dict[str, tuple[int, float]] = {}
-        """By vehicle without a way: the number of moves by then, and the height that others have at most."""
+        """By vehicle without a way to its goal: the number of moves and the greatest height by then."""
 
     def legs(self) -> list[Leg]:
         left = list(self._goals)
@@ -195,11 +195,13 @@ class _Plan:
 
     def _send(self, name: str, end: Point) -> bool:
         """Append the quickest way of a vehicle to a point; return whether there is one."""
-        if end == self._goals.get(name) and not self._may_have_changed(name):
+        is_goal = end == self._goals.get(name)
+        if is_goal and not self._may_have_changed(name):
             return False
         timed = [self._timed(name, points) for points in self._ways(name, end)]
         if not timed:
-            self._failed[name] = len(self._moves), self._top
+            if is_goal:
+                self._failed[name] = len(self._moves), self._top
             return False
         legs, ends = min(timed, key=lambda one: one[1][-1])
         self._legs += legs

@@ -175,7 +175,8 @@ class Rhythm:
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""
-        return self._pose.stamp if self._lockstep and self._pose else time.monotonic()
+        pose = self._newest()  # a call is logged with its time
+        return pose.stamp if self._lockstep and pose else time.monotonic()
 
     def _on_poses(self, message: Pose | Poses) -> None:
         for pose in message.poses if isinstance(message, Poses) else (message,):

@@ -159,7 +159,7 @@ def _executor_of(
     restarted = int(os.environ.get("QUADCTL_RESTARTS", "0")) > 0
     single = len(fleet) == 1
     executor, first = MultiNodeExecutor(single=single), next(iter(fleet.values()))
-    bundles = None if single or guarded else _bundles(opened, executor)
+    bundles = None if single or guarded or connect else _bundles(opened, executor)
     for vehicle, params in fleet.items():
         like = None if params is first else first
         own = executor.new_executor()

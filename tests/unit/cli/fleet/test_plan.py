@@ -71,6 +71,17 @@ def test_three_hundred_vehicles_each_fly_to_the_place_of_the_next_one():
     assert all(before < number for number, leg in enumerate(legs) for before in leg.after)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_plan_is_the_same_if_each_vehicle_is_tried_again_each_time(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+):
+    places = {f"uav{n}": (1.2 * (n % 6), 1.2 * (n // 6), 1.0) for n in range(30)}
+    goals = dict(zip(places, random.Random(seed).sample([*places.values()], 30), strict=True))
+    legs = plan(places, goals, space(size=8.0))
+    monkeypatch.setattr("quadctl.cli.fleet.plan._Plan._may_have_changed", lambda *_: True)
+    assert plan(places, goals, space(size=8.0)) == legs
+
+
 def test_a_row_that_moves_on_along_itself_starts_at_its_head():
     places = {f"uav{n}": (float(n), 0.0, 0.0) for n in range(3)}
     goals = {name: (x + 1, 0.0, 0.0) for name, (x, _, _) in places.items()}

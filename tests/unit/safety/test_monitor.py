@@ -2,16 +2,20 @@
 
 from collections.abc import Callable
 from math import inf, nan
+from random import Random
 
 import pytest
 from msgspec.structs import replace
 
-from quadctl.schemas.messages import CageSize, Position, Velocity
+from quadctl.schemas.messages import CageSize, Pose, Position, SafetyState, Setpoint, Velocity
+from quadctl.schemas.params import SafetyParams
 from quadctl.services.airspace.geometry import Point
 from quadctl.services.airspace.stopping import PATIENCE
 from quadctl.services.safety.model import State
-from quadctl.services.safety.monitor import STOOD_STILL, TrackingMonitor
+from quadctl.services.safety.monitor import STOOD_STILL, Monitor, TrackingMonitor
+from quadctl.services.safety.traffic import Traffic
 from tests.support.monitor_rig import BEYOND, GROUND, INSIDE, ONE_UP, OTHER, OUTSIDE, Rig
+from tests.support.monitored_vehicle import LOOKS, MonitoredVehicle, periods
 from tests.support.worlds import POSE
 
 
@@ -405,3 +409,54 @@ def test_a_vehicle_that_lands_by_itself_is_stopped_and_takes_no_goal():
     assert rig.at(ONE_UP).state == "HOVERING"
     rig.monitor.set_landing("")
     assert rig.monitor.goto(OTHER) == ""
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_two_vehicles_are_judged_alike_whether_or_not_their_rest_is_quiet(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+):
+    heard: list[bool] = []
+    see = Monitor.see
+
+    def count(monitor: Monitor, pose: Pose) -> bool:
+        heard.append(see(monitor, pose))
+        return heard[-1]
+
+    monkeypatch.setattr(Monitor, "see", count)
+    quiet = flown(Random(seed))
+    assert 0.05 * len(heard) < heard.count(False) < 0.9 * len(heard)
+    monkeypatch.setattr("quadctl.services.safety.monitor.is_quiet", lambda *_: False)
+    assert flown(Random(seed)) == quiet
+
+
+def flown(draws: Random) -> list[tuple[Setpoint, SafetyState]]:
+    """Return what two monitors decide in each period of some goals, holds and changes, each with a long rest."""
+    params, traffic = SafetyParams(takeoff=0.0), Traffic()
+    starts = Position(-1.0, 0.0, 0.0), Position(1.0, 0.0, 1.0)
+    flights = [
+        MonitoredVehicle(params, start, f"uav{number}", traffic)
+        for number, start in enumerate(starts)
+    ]
+    decided = []
+    for _ in range(8):
+        flight = draws.choice(flights)
+        monitor, (x, y, z) = flight.monitor, (draws.uniform(-3.0, 3.0) for _ in range(3))
+        match draws.randrange(6):
+            case 0:
+                monitor.toggle(cage_on=draws.random() < 0.7)
+            case 1:
+                monitor.hold()
+            case 2:
+                params.virtual_cage.x = draws.choice((0.5, 5.0))
+                for each in flights:
+                    each.monitor.resize()
+            case _:
+                monitor.goto(Position(x, y, abs(z)), replace=True, wait=True)
+        for _ in periods(draws.choice((0.5, 2.0, 15.0))):
+            for each in flights:
+                each.see()
+                each.obey()
+                for _ in range(LOOKS):
+                    each.advance()
+                decided.append((each.monitor.setpoint(), each.monitor.state()))
+    return decided

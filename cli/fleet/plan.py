@@ -158,6 +158,18 @@ def _is_over(p: Point, ground: _Floor) -> bool:
     return ground[0] <= p[0] <= ground[1] and ground[2] <= p[1] <= ground[3]
 
 
+def _leads_over(leg: Leg, ground: _Floor) -> bool:
+    """Return whether a leg may lead over a part of the floor."""
+    west, east, south, north = ground
+    (x0, y0, _), (x1, y1, _) = leg.start, leg.end
+    return (
+        (x0 >= west or x1 >= west)
+        and (x0 <= east or x1 <= east)
+        and (y0 >= south or y1 >= south)
+        and (y0 <= north or y1 <= north)
+    )
+
+
 class _Plan:
     """Plan in the making: where the vehicles are by then, and the legs so far."""
 
@@ -268,16 +280,11 @@ class _Plan:
         earlier = self._last.get(name)
         begins = 0.0 if earlier is None else self._ends[earlier]
         for a, b in pairwise(points):
-            west, east, south, north = _floor_of(a, b, self._near)
+            ground = _floor_of(a, b, self._near)
             after = tuple(
                 number
                 for number, leg in enumerate(self._legs)
-                if (leg.start[0] >= west or leg.end[0] >= west)
-                and (leg.start[0] <= east or leg.end[0] <= east)
-                and (leg.start[1] >= south or leg.end[1] >= south)
-                and (leg.start[1] <= north or leg.end[1] <= north)
-                and leg.vehicle != name
-                and self._meet(leg, a, b)
+                if leg.vehicle != name and _leads_over(leg, ground) and self._meet(leg, a, b)
             )
             begins = max([begins, *(self._ends[number] for number in after)])
             begins += dist(a, b) / _SPEED + _STOP
@@ -343,7 +350,7 @@ class _Plan:
         spots: list[Point] = list(product(*axes))  # type: ignore[arg-type]
         every = ceil(len(spots) / _MOST_SPOTS)
         wide = (self._space.across + _MARGIN) ** 2
-        cells = _Cells((("", p) for p in known), self._near)
+        cells = _Cells((*self._at.items(), *self._goals.items()), self._near)
 
         @cache
         def in_way(x: float, y: float) -> int:

@@ -38,7 +38,7 @@ PERIODS_TO_REST = 25.0
 """Control periods of rest, 0.1 s, after which no force can be acting on the vehicle."""
 
 BRAKES, TURNS = 1.0, 2.0
-"""Marks of a vehicle that comes to rest, or that first brakes because it would pass its goal."""
+"""Marks of a vehicle that comes to rest, or that brakes before it departs, see `depart`."""
 
 FlightMode = tuple[float, float, float, float, float, float, float, float]
 """1 while standing; periods left to spin up; periods at rest; BRAKES, TURNS or 0; legs of a hop

@@ -63,7 +63,7 @@ class Outbox:
 
     def __init__(self) -> None:
         self._items: deque[Item] = deque()
-        self._flushing = threading.Lock()
+        self._flushing = threading.RLock()  # what an item publishes may run a handler that flushes
 
     def add(self, item: Item) -> None:
         """Append an item; safe to call from any thread."""

@@ -73,7 +73,6 @@ class MatchingListener:
         self._end = end
         self._listener: zenoh.MatchingListener[None] | None = None
         self._there, self._changes = threading.Event(), 0
-        self._was_there = False
         self._waited = False
 
     @property
@@ -100,7 +99,7 @@ class MatchingListener:
         """Return the last report of the listener, which takes no call of Zenoh."""
         if self._listener is None:
             self._listen()
-        return self._was_there
+        return self._there.is_set()
 
     @property
     def changes(self) -> int:
@@ -123,14 +122,12 @@ class MatchingListener:
             # Only changes are reported; a change before this check is newer than its result.
             before, there = self._changes, self.is_there
             if self._changes == before and there:
-                self._was_there = True
                 self._there.set()
 
     def on_change(self, status: zenoh.MatchingStatus) -> None:
         """Take a report of Zenoh: whether there is a match now."""
         self._changes += 1
-        self._was_there = bool(status.matching)
-        if self._was_there:
+        if status.matching:
             self._there.set()
         else:
             self._there.clear()

@@ -201,6 +201,20 @@ def test_a_flush_waits_for_the_work_that_another_thread_has_begun():
     assert done == ["published", "replied"]
 
 
+@pytest.mark.timeout(30)
+def test_an_item_may_flush_itself():
+    outbox, done = Outbox(), list[str]()
+
+    def publish() -> None:
+        done.append("published")
+        outbox.flush()
+
+    outbox.add(publish)
+    outbox.add(lambda: done.append("next"))
+    outbox.flush()
+    assert done == ["published", "next"]
+
+
 def test_a_single_node_defers_nothing():
     done: list[str] = []
     MultiNodeExecutor(single=True).new_executor().defer(lambda: done.append("now"))

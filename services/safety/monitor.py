@@ -132,8 +132,8 @@ class Monitor:
         self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
-        self._quiet = False
-        """True if, since the last event, a pose like the newest one changes nothing."""
+        self._quiet: bool | None = False
+        """True if, since the last event, a pose like the newest one changes nothing; None if nobody asked yet."""
         self.moved = -inf
         """Stamp (s) of the last pose of this boot in motion."""
         self._flown = self._stop = stopping_law(VehicleParams(), ControlParams(), WindParams())
@@ -165,8 +165,9 @@ class Monitor:
             return False
         before = self.situation
         same = pose.boot == before.boot
+        repeats = same and _is_same_motion(pose, self.pose) and self._is_quiet()
         self._last, self.pose, self.fresh = self.pose if same else pose, pose, True
-        if same and self._quiet and _is_same_motion(pose, self._last):
+        if repeats:
             return False
         if not at_rest(pose):
             self.moved = pose.stamp
@@ -174,12 +175,18 @@ class Monitor:
             self.moved = -inf
         if not same:
             self._boot()
-        self._feed(Seen())
-        self._traffic.watch(self)
+        world = self.world()
+        self._feed(Seen(), world)
+        self._traffic.watch(self, world)
         if self.held:
             self._retry(self.held)
-        self._quiet = self.situation is before and not self.held and is_quiet(before, self.world())
+        self._quiet = None if self.situation is before and not self.held else False
         return True
+
+    def _is_quiet(self) -> bool:
+        if self._quiet is None:
+            self._quiet = is_quiet(self.situation, self.world())
+        return self._quiet
 
     def ignores(self, pose: Pose) -> bool:
         """Return whether a pose is older than the last one, or of an earlier boot."""
@@ -195,6 +202,8 @@ class Monitor:
         poses in its queue count first. For `own` of these seconds this process did not run.
         """
         late = age is not None and age > self._params.pose_timeout
+        if self._quiet and not late:  # it stays where it is, also without setpoints
+            return False
         if age is not None and late:
             self.lose()
             self.silent(age, own)

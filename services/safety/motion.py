@@ -41,6 +41,9 @@ class Rest(Enum):
     SETTLED = "it does so for good: the next way from there is straight"
 
 
+_IN_PLACE = Rest.NEAR, Rest.SETTLED
+
+
 def rest_of(s: Situation, w: World) -> Rest:
     """Return how far the vehicle has come to rest."""
     # A slow vehicle may be about to turn round, or its setpoint may not have stopped.
@@ -71,7 +74,7 @@ def stop_law(s: Situation, w: World) -> StoppingLaw:
 
 def stays(s: Situation, w: World) -> bool:
     """Return whether the vehicle is at rest at its place, and is not about to leave it."""
-    return not (s.flies or s.stops) and rest_of(s, w) in {Rest.NEAR, Rest.SETTLED}
+    return not (s.flies or s.stops) and rest_of(s, w) in _IN_PLACE
 
 
 def within_cage(request: Goto, s: Situation, w: World) -> str:

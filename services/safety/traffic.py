@@ -195,9 +195,8 @@ class Traffic:
         for other in filter(lambda each: each.situation.flies, self._others(name)):
             self._members[other.name].post(partial(other.recheck, name))
 
-    def watch(self, member: Participant) -> None:
+    def watch(self, member: Participant, world: World) -> None:
         """Stop a vehicle off its course, and another one, if they fly too near each other."""
-        world = member.world()
         if not self.is_shared or keeps_course(member.situation, world):
             return
         path = _stop_path(member.situation, world)

@@ -51,7 +51,7 @@ def rest_of(s: Situation, w: World) -> Rest:
         return Rest.NONE
     if not (s.brake or _is_near(s, w)):
         return Rest.AWAY
-    return Rest.SETTLED if w.rested >= w.stop.settling else Rest.NEAR
+    return Rest.SETTLED if _has_settled(s, w) else Rest.NEAR
 
 
 def _is_near(s: Situation, w: World) -> bool:
@@ -65,11 +65,17 @@ def responded(s: Situation, w: World) -> bool:
     return w.pose.stamp >= s.commanded + w.stop.response
 
 
+def _has_settled(s: Situation, w: World) -> bool:
+    """Return whether the vehicle has been at rest for long enough, since it shows its last command.
+
+    On a way of some centimetres it is never faster than one at rest.
+    """
+    return min(w.rested, w.pose.stamp - s.commanded - w.stop.response) >= w.stop.settling
+
+
 def stop_law(s: Situation, w: World) -> StoppingLaw:
     """Return the law of a stop; a vehicle that has settled stays, but one on its way begins to fly slowly."""
-    stop = w.stop
-    settled = responded(s, w) and w.rested >= stop.settling and not s.flies
-    return STANDSTILL if settled else stop
+    return STANDSTILL if _has_settled(s, w) and not s.flies else w.stop
 
 
 def stays(s: Situation, w: World) -> bool:

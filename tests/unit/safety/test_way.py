@@ -8,6 +8,8 @@ import pytest
 from msgspec import structs
 
 from quadctl.schemas.messages import Position
+from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.vehicle import ControlParams
 from quadctl.schemas.zones import CircleParams, ZoneParams
 from quadctl.services.airspace.geometry import Point
 from quadctl.services.airspace.zones import Region
@@ -63,6 +65,20 @@ def test_a_way_around_from_the_floor_begins_with_a_climb():
     assert legs_of(flight)[0][:2] == (0.0, 0.0)
     assert flight.land().deepest == 0.0
     assert flight.place.x == pytest.approx(3.0, abs=0.01)
+
+
+@pytest.mark.parametrize("height", [0.1, 0.117, 0.125, 0.129])
+def test_a_leg_of_centimetres_ends_before_the_next_one_begins(height: float):
+    """On so short a leg the vehicle is never faster than one at rest."""
+    body = DynamicsParams(control=ControlParams(max_acceleration=1.1))
+    flight = ZoneFlight(ROUND, start=Position(0.0, 0.0, height), body=body)
+    assert flight.goto(BEHIND) == ""
+    assert flight.monitor.situation.goal[2] == pytest.approx(0.13)
+    while flight.monitor.situation.leg == 1:
+        flight.fly(0.05)
+    assert flight.monitor.situation.leg == 2
+    assert flight.vehicle.setpoint[2] == pytest.approx(0.13, abs=0.001)
+    assert flight.vehicle.velocity[2] == pytest.approx(0.0, abs=0.002)
 
 
 def test_a_vehicle_that_stands_in_a_zone_rises_out_of_it():

@@ -144,6 +144,8 @@ class Simulation:
         self._lands = False
         self._followed: Setpoint | None = None
         """Setpoint that the vehicle follows, if it has followed it since."""
+        self._command: Setpoint | None = None
+        """Setpoint to be obeyed before the vehicle flies on."""
         self._mark()
         self._node.log.info("boot %s", self._boot)
         self._log_limits()
@@ -191,8 +193,10 @@ class Simulation:
         params = self._params
         if self._in_lockstep:
             self._wait_for_safety()
+            self._obey()
         else:
             self._follow_until(now)
+            self._obey()
             # After a delay of this loop itself, the setpoints in its queue count first.
             own = now - self._last_tick
             if now - self._last_setpoint > params.setpoint_timeout > own or (
@@ -335,12 +339,19 @@ class Simulation:
         if not (accepts or self._ignores):
             self._node.log.warning("setpoints are back: hovering until a new goal is requested")
         self._ignores = not accepts
-        if setpoint.brake:
-            self._vehicle.brake()
-        elif accepts:
-            self._vehicle.goto(*structs.astuple(setpoint.position))
+        if setpoint.brake or accepts:
+            self._command = setpoint
         self._braked = setpoint.brake or not accepts
         self._followed = setpoint
+
+    def _obey(self) -> None:
+        """Command the vehicle by the newest setpoint; one to brake just before it was for the latch alone."""
+        if command := self._command:
+            self._command = None
+            if command.brake:
+                self._vehicle.brake()
+            else:
+                self._vehicle.goto(*structs.astuple(command.position))
 
     def _follows_already(self, setpoint: Setpoint) -> bool:
         """Return whether this setpoint repeats the one that the vehicle follows, in all but its number."""

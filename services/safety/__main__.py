@@ -213,9 +213,10 @@ class Safety:
         reason = self.monitor.goto(
             goal, replace=request.replace, direct=request.direct, wait=request.wait
         )
-        if not reason and not before.brake and before.position == goal:
-            # A vehicle that stopped by itself, unseen, would take the goal for the old one.
-            self._setpoints.put(replace(before, brake=True))
+        if not reason and not before.brake and before.position == goal and before.for_seq:
+            # A vehicle that stopped by itself, unseen, would take the goal for the old one. One that did
+            # not must not fly on by this before the goal comes: it answers no pose that waits.
+            self._setpoints.put(replace(before, brake=True, for_seq=before.for_seq - 1))
         self._send_setpoint()
         return GotoResponse(not reason or reason.startswith(WAITS), reason)
 

@@ -98,6 +98,14 @@ def test_earlier_commands_do_not_change_a_mission(fast: Lab):
     assert same(fly(fast)) == same(first)
 
 
+def test_a_goal_requested_again_in_flight_does_not_change_with_the_load(fast: Lab):
+    """Safety then sends two setpoints, and the vehicle may fly on between them."""
+    again = '{ at = 0.5, do = "goto", x = 0.0, y = 0.0, z = 1.0 }'
+    fast.file(f"rows = [{again}]\nend = 3.0", "again.toml")
+    hashes = {fast.quadctl("fly", "again.toml", "--json").json["hash"] for _ in range(8)}
+    assert len(hashes) == 1
+
+
 def test_goals_on_the_walls_replaced_in_flight_keep_path_and_vehicle_inside(fast: Lab):
     draw, cage = random.Random(1), {"x": (-5, 5), "y": (-5, 5), "z": (0, 5)}
     goals = [{axis: float(draw.choice(sides)) for axis, sides in cage.items()} for _ in range(60)]

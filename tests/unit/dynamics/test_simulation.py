@@ -135,6 +135,20 @@ class Blown:
             self.simulation.tick(time.monotonic())
 
 
+def test_a_setpoint_to_brake_just_before_the_same_goal_changes_no_flight():
+    """Safety sends both for a goal that is requested again: the vehicle may have stopped by itself."""
+    states = []
+    for brakes in (False, True):
+        blown = Blown()
+        blown.fly(0.5)
+        if brakes:
+            stop = Setpoint(blown.simulation._boot, 49, blown.goal, brake=True)
+            blown.node._listeners[SETPOINT.name].take(stop)
+        blown.fly(1.0)
+        states.append(blown.vehicle.state)
+    assert states[0] == states[1]
+
+
 @pytest.mark.parametrize("is_known", [True, False])
 def test_a_vehicle_that_cannot_hold_itself_lands_until_it_can(is_known: bool):
     blown = Blown()

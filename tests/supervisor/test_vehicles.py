@@ -295,24 +295,45 @@ def test_impossible_vehicle_settings_are_refused_before_the_start(
 
 
 @pytest.mark.thorough
-def test_a_vehicles_flight_does_not_depend_on_the_other_vehicles(lab: Lab):
-    def digest(vehicle: str) -> dict[str, str]:
-        done = lab.quadctl("fly", "mission.toml", "--vehicle", vehicle, "--json")
-        assert done.code == 0, done.err
-        return {name: done.json[name] for name in ("poses", "transitions", "pressure")}
+@pytest.mark.parametrize(("count", "picked"), [(2, ["uav1"]), (300, ["uav150", "uav299"])])
+def test_a_vehicles_flight_does_not_depend_on_the_other_vehicles(
+    lab: Lab, count: int, picked: list[str]
+):
+    """Fly each vehicle up and down at its place: on any other way the others could bar it."""
+    wide = sets("safety.virtual_cage.x=30", "safety.virtual_cage.y=30", "dynamics.speed=0")
+    lab.start("--vehicles", count, *wide)
+    own, among = dict[str, list[str]](), dict[str, dict[str, str]]()
+    for vehicle in ["uav0", *picked]:
+        own[vehicle] = [
+            f"{name}={lab.quadctl('param', 'get', name, '--vehicle', vehicle).out.strip()}"
+            for name in ("dynamics.start.x", "dynamics.start.y", "dynamics.seed")
+        ]
+        among[vehicle] = digest(lab, vehicle, own[vehicle])
+    assert lab.quadctl("down") == (0, f"realm {lab.realm} is down\n", "")
+    assert len({flown["poses"] for flown in among.values()}) == len(among)
+    for vehicle in picked:
+        lab.start("--vehicle", vehicle, *wide, *sets(*own[vehicle]))
+        assert digest(lab, vehicle, own[vehicle]) == among[vehicle]
+        assert lab.quadctl("down") == (0, f"realm {lab.realm} is down\n", "")
 
-    lab.file(
-        'end = 2.0\nrows = [{ at = 1.0, do = "goto", x = 0.0, y = 0.0, z = 1.0 }]', "mission.toml"
+
+def digest(lab: Lab, vehicle: str, own: list[str]) -> dict[str, str]:
+    """Fly a vehicle up and down from its own start; return the hashes of the flight."""
+    x, y, _ = (each.partition("=")[2] for each in own)
+    up, down = (
+        f'{{ at = {at}, do = "goto", x = {x}, y = {y}, z = {z} }}'
+        for at, z in ((0.5, 1.5), (3.0, 0.5))
     )
-    lab.start("--vehicles", 2, "--set", "dynamics.speed=0", "--set", "uav0.dynamics.seed=1")
-    first = digest("uav1")
-    assert digest("uav1") == first
-    assert digest("uav0")["poses"] != first["poses"]
-    lab.quadctl("down")
-    alone = "uav1.dynamics.start.y=0"
-    lab.start("--vehicle", "uav1", "--set", "dynamics.speed=0", "--set", "dynamics.seed=1",
-              "--set", "dynamics.start.x=1", "--set", alone)  # fmt: skip
-    assert digest("uav1") == first
+    lab.file(f"end = 4.0\nrows = [{up}, {down}]", "mission.toml")
+    done = lab.quadctl("fly", "mission.toml", "--vehicle", vehicle, "--json")
+    assert done.code == 0, done.err
+    assert [row["accepted"] for row in done.json["rows"]] == [True, True]
+    return {name: done.json[name] for name in ("poses", "transitions", "pressure")}
+
+
+def sets(*assignments: object) -> list[object]:
+    """Return the options that set these values."""
+    return [word for each in assignments for word in ("--set", each)]
 
 
 @pytest.mark.thorough

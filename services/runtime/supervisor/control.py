@@ -12,14 +12,20 @@ from quadctl.services.runtime.realm import Realm
 from quadctl.services.runtime.run_files import ProcessRecord, RunState, is_live, read
 
 _STOP_POLL = 0.005
+_REMOVAL = 0.015
+"""Seconds in which a busy disk removes the five files of a vehicle."""
 
 
 def stop_run(realm: Realm, timeout: float = 5.0) -> RunState:
-    """Stop a run and wait (s) until it has ended; raises Unreachable if nothing runs."""
+    """Stop a run and wait (s) until it has ended; raises Unreachable if nothing runs.
+
+    A run of several vehicles has longer, by the time that it takes to remove its files.
+    """
     run = read(realm)
     # The run may end by itself at this moment.
     with contextlib.suppress(ProcessLookupError):
         os.kill(run.pid, signal.SIGTERM)
+    timeout += _REMOVAL * (len(run.vehicles) - 1)
     deadline = time.monotonic() + timeout
     while is_live(realm) or _is_there(run.pid):
         if time.monotonic() > deadline:

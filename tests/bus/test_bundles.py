@@ -4,6 +4,7 @@ import signal
 import sys
 from collections.abc import Iterator
 
+import msgspec
 import pytest
 
 from tests.support.bare import Bare
@@ -32,7 +33,7 @@ def fly_all(lab: Lab, height: float) -> None:
         assert (done.code, done.json["arrived"]) == (0, True), done.err
 
 
-def is_full(bundle: list[tuple[str, bytes]]) -> bool:
+def is_full(bundle: list[tuple[str, dict[str, object]]]) -> bool:
     return sorted(vehicle for vehicle, _ in bundle) == VEHICLES
 
 
@@ -94,6 +95,13 @@ def test_garbage_in_place_of_a_bundle_changes_nothing(fleet: Lab):
         for junk in (b"", b"\xc1", b"\x91\x01", b"\x93\xa4uav1\xc4\x01\xc1\x00"):
             bare.session.put(BUNDLE, junk)
             bare.session.put(ANSWERS, junk)
+        # What follows a part that is no pose is read all the same.
+        [pose] = bare.watch("uav2/pose/slow").next()
+        late = ["uav2", pose | {"boot": "another"}]
+        bare.session.put(BUNDLE, msgspec.msgpack.encode([["uav1", {"x": 1}], late]))
+        bare.watch("uav2/safety/state").until(lambda state: state["boot"] == "another")
+    eventually(lambda: "ignored a message on pose/slow" in fleet.log("safety"))
+    fleet.put_back()
     fly_all(fleet, 1.2)
     assert "Traceback" not in fleet.log("safety") + fleet.log("dynamics")
 

@@ -13,9 +13,10 @@ from functools import partial
 from typing import Any
 
 import zenoh
-from msgspec import Struct, msgpack
+from msgspec import Raw, Struct, msgpack
 
 from quadctl.schemas.topics import POSE_SLOW, SETPOINT, Topic
+from quadctl.schemas.typed import BUILDING
 from quadctl.services.runtime.bus import codec, zenoh_events
 from quadctl.services.runtime.bus.pubsub import Subscription
 from quadctl.services.runtime.executor import Outbox
@@ -24,7 +25,7 @@ _BUNDLED = (POSE_SLOW, SETPOINT)
 _MOST = 128
 """Messages of a bundle, some 30 kB: Zenoh sends more than 64 kB in pieces."""
 _log = logging.getLogger(__name__)
-_parts = msgpack.Decoder(list[tuple[str, bytes]])
+_parts = msgpack.Decoder(list[tuple[str, Raw]])
 
 
 class Bundle:
@@ -36,13 +37,13 @@ class Bundle:
             key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
         )
         self._matches = zenoh_events.MatchingListener(self._publisher)
-        self._waiting: deque[tuple[str, bytes]] = deque()
+        self._waiting: deque[tuple[str, Struct]] = deque()
         self._outbox = outbox
 
-    def add(self, vehicle: str, payload: bytes) -> None:
+    def add(self, vehicle: str, message: Struct) -> None:
         """Add a vehicle's message, if there is a process to take it; safe to call from any thread."""
         if self._matches.was_there:
-            self._waiting.append((vehicle, payload))
+            self._waiting.append((vehicle, message))
             self._outbox.add(self._send)
 
     def _send(self) -> None:
@@ -67,7 +68,7 @@ class Bundles:
         """Return whether the topic's messages come in bundles."""
         return topic in _BUNDLED and topic.node in self._senders
 
-    def out(self, topic: Topic[Any], vehicle: str) -> Callable[[bytes], None] | None:
+    def out(self, topic: Topic[Any], vehicle: str) -> Callable[[Struct], None] | None:
         """Return a function that sends a vehicle's message of a topic; None if that goes in no bundle."""
         if topic not in _BUNDLED:
             return None
@@ -82,7 +83,11 @@ class Bundles:
         """Pass a vehicle's messages of a topic on to a subscription, until the result is called."""
         if topic.name not in self._in:
             self._in[topic.name] = {}
-            callback = zenoh.handlers.Callback(partial(self._on_bundle, topic), indirect=False)
+            type_: Any = topic.type
+            with BUILDING:
+                decode = msgpack.Decoder(list[tuple[str, type_]]).decode
+            on_bundle = partial(self._on_bundle, topic, decode)
+            callback = zenoh.handlers.Callback(on_bundle, indirect=False)
             self._subscribers.append(self._session.declare_subscriber(self._key(topic), callback))
         takers = self._in[topic.name].setdefault(vehicle, [])
         takers.append(subscription)
@@ -91,19 +96,28 @@ class Bundles:
     def _key(self, topic: Topic[Any]) -> str:
         return f"{self._lead}/@all/{topic.name}"
 
-    def _on_bundle(self, topic: Topic[Any], sample: zenoh.Sample) -> None:
+    def _on_bundle(
+        self,
+        topic: Topic[Any],
+        decode: Callable[[bytes], list[tuple[str, Any]]],
+        sample: zenoh.Sample,
+    ) -> None:
         zenoh_events.pin_thread_state()
-        now, takers = time.monotonic(), self._in[topic.name]
+        now, takers, payload = time.monotonic(), self._in[topic.name], sample.payload.to_bytes()
+        encoding = ""
         try:
-            parts = _parts.decode(sample.payload.to_bytes())
-        except codec.UNREADABLE as error:
-            _log.warning("ignored a message on %s: %s", self._key(topic), error)
-            return
-        # The processes of a run are of one version, so the messages have our schema.
-        encoding = _encoding(topic)
-        for vehicle, payload in parts:
+            parts = decode(payload)
+        except codec.UNREADABLE:
+            # One bad message must not cost the other vehicles theirs.
+            encoding = _encoding(topic)
+            try:
+                parts = [(vehicle, bytes(part)) for vehicle, part in _parts.decode(payload)]
+            except codec.UNREADABLE as error:
+                _log.warning("ignored a message on %s: %s", self._key(topic), error)
+                return
+        for vehicle, message in parts:
             for subscription in takers.get(vehicle, ()):
-                subscription.take(now, payload, encoding)
+                subscription.take(now, message, encoding)
         # Answers to all of them go out together.
         self._outbox.flush()
 

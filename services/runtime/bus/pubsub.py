@@ -5,7 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import zenoh
 from msgspec import Struct
@@ -33,7 +33,7 @@ class Publisher(Generic[M]):
         *,
         waits: bool = False,
         defer: Callable[[Callable[[], None]], None] | None = None,
-        bundle: Callable[[bytes], None] | None = None,
+        bundle: Callable[[M], None] | None = None,
     ) -> None:
         self._key, self._type = key, topic.type
         self._encoding = codec.encoding(topic.type)
@@ -61,15 +61,15 @@ class Publisher(Generic[M]):
         """Publish a message; numbers must be Python's own, not numpy's, else it raises Invalid."""
         if not isinstance(message, self._type):
             require(message, self._type, f"{self._type.__name__}(...)")
+        if self._bundle is not None:
+            self._bundle(message)
+            if not self.has_subscribers:
+                return
         try:
             self._last = payload = codec.encode(message)
         except (TypeError, OverflowError, UnicodeEncodeError, RecursionError) as error:
             hint = "give plain numbers, texts, lists and tables: float(x) of a NumPy number"
             raise Invalid(f"a message on {self._key} cannot be sent: {error}", hint) from error
-        if self._bundle is not None:
-            self._bundle(payload)
-            if not self.has_subscribers:
-                return
         if self._defer is None:
             self._publisher.put(payload)
         else:
@@ -120,7 +120,7 @@ class Subscription(Generic[M]):
         self._topic, self._post, self._awaited, self._handler = topic, post, awaited, handler
         self._run_inline = run_inline
         self._depth = _NEWEST if handler is None else depth
-        self._waiting: deque[tuple[float, bytes, str]] = deque(maxlen=self._depth)
+        self._waiting: deque[tuple[float, Any, str]] = deque(maxlen=self._depth)
         self._posted = False
         self._since, self._count, self._flood = 0.0, 0, False
         self._wakes = wakes and handler is not None
@@ -156,8 +156,11 @@ class Subscription(Generic[M]):
         # Copied at once: one in a million samples kept for later was overwritten by the next.
         self.take(time.monotonic(), sample.payload.to_bytes(), name)
 
-    def take(self, now: float, payload: bytes, encoding: str) -> None:
-        """Queue a message that came `now` (monotonic s), and post `poll` to the loop once until it runs."""
+    def take(self, now: float, payload: bytes | M, encoding: str) -> None:
+        """Queue a message that came `now` (monotonic s), and post `poll` to the loop once until it runs.
+
+        A message that is decoded already has no encoding.
+        """
         waiting = self._waiting
         if len(waiting) == self._depth:
             self._dropped += 1
@@ -223,8 +226,10 @@ class Subscription(Generic[M]):
                     self._value, self._received = value, received
                     break
 
-    def _read(self, payload: bytes, encoding: str) -> M | None:
+    def _read(self, payload: bytes | M, encoding: str) -> M | None:
         """Return a message of any sender; None for one that is refused, which is logged."""
+        if not isinstance(payload, bytes):
+            return payload
         type_ = self._topic.type
         try:
             codec.check_schema(type_, encoding)

@@ -2,11 +2,13 @@
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import cycle
 from random import Random
 
 import msgspec
+import numpy as np
 import zenoh
 
 from benchmarks import proc
@@ -16,6 +18,7 @@ from benchmarks.raw.session import opened
 from benchmarks.results import Results
 from benchmarks.system import Home, running
 from quadctl.cli.fleet.plan import Space, plan
+from quadctl.schemas.params import SeparationParams
 from quadctl.services.dynamics.compiler import have_made
 
 _HZ, _LEAST_HZ = 20, 19
@@ -30,6 +33,10 @@ _MANY, _MOVING = 1000, 4
 """Vehicles of the largest run, and which of them move: one in so many."""
 _SAMPLE = "uav$*00/pose/slow"
 """Nine vehicles of the largest run: to count the poses of all would take a core of its own."""
+SHOWN = "uav500"
+"""One of those that move, in the middle."""
+_BUNDLES = "uav0/@all/pose/slow"
+"""Key on which the run's processes send each other the poses of all."""
 
 
 def measure(results: Results, effort: Effort) -> None:
@@ -55,21 +62,52 @@ def measure(results: Results, effort: Effort) -> None:
     _measure_plan(results)
 
 
+@contextmanager
+def most() -> Iterator[tuple[Home, zenoh.Session]]:
+    """Start a run of a thousand vehicles in the air, and a session with it."""
+    words = *_words(_MANY), "--set", "dynamics.start.z=1"
+    with running(*words) as where, opened(where.endpoint) as session:
+        yield where, session
+
+
+def fly_part(where: Home, session: zenoh.Session, seconds: float) -> tuple[float, list[float]]:
+    """Fly a quarter of a thousand vehicles, as `flying` does."""
+    return flying(where, session, _names(_MANY)[::_MOVING], seconds, _SAMPLE)
+
+
 def _measure_most(results: Results, effort: Effort) -> None:
     """Measure a run of a thousand vehicles in the air, a quarter of which move."""
+    bundles = list[bytes]()
+    callback: zenoh.handlers.Callback[zenoh.Sample] = zenoh.handlers.Callback(
+        lambda sample: bundles.append(sample.payload.to_bytes()), indirect=False
+    )
     began = time.perf_counter()
-    with (
-        running(*_words(_MANY), "--set", "dynamics.start.z=1") as where,
-        opened(where.endpoint) as session,
-    ):
+    with most() as (where, session):
         results.seconds(f"launch_{_MANY}", "ours", [time.perf_counter() - began])
         time.sleep(_SETTLED)
         results.add(f"hover_{_MANY}", "ours", [_busy(where, effort.seconds)])
-        moving = _names(_MANY)[::_MOVING]
-        share, calls = flying(where, session, moving, effort.seconds, _SAMPLE)
+        poses = session.declare_subscriber(_BUNDLES, callback)
+        share, calls = fly_part(where, session, effort.seconds)
+        poses.undeclare()
         results.add(f"vehicles_{_MANY}", "ours", [share])
         results.seconds(f"goto_{_MANY}", "ours", [sorted(calls)[len(calls) * 99 // 100]])
         results.add(f"memory_{_MANY}", "ours", [sum(map(proc.pss, where.pids()))])
+    results.add(f"separation_{_MANY}", "ours", [_least_apart(bundles)])
+
+
+def _least_apart(bundles: Sequence[bytes]) -> float:
+    """Return the least distance of two vehicles, in parts of the one that they keep; 0 without poses of all."""
+    keep, places, least = SeparationParams(), dict[str, tuple[float, float, float]](), np.inf
+    scale = np.array([2 * keep.radius, 2 * keep.radius, keep.height])
+    for bundle in bundles:
+        poses = dict(msgspec.msgpack.decode(bundle))
+        places |= {name: (*pose["position"].values(),) for name, pose in poses.items()}
+        if len(places) == _MANY and "uav0" in poses:  # once a period
+            at = np.array([*places.values()]) / scale
+            apart = np.linalg.norm(at[:, None] - at[None], axis=2)
+            np.fill_diagonal(apart, np.inf)
+            least = min(least, float(apart.min()))
+    return float(least) if least < np.inf else 0.0
 
 
 def _measure_plan(results: Results) -> None:

@@ -31,8 +31,8 @@ _WIDE = ("--set", "safety.virtual_cage.x=200", "--set", "safety.virtual_cage.y=2
 _COUNTS = (1, 10, 100, 300)
 _MANY, _MOVING = 1000, 4
 """Vehicles of the largest run, and which of them move: one in so many."""
-_SAMPLE = "uav$*00/pose/slow"
-"""Nine vehicles of the largest run: to count the poses of all would take a core of its own."""
+_ALL, _FEW, _FEWER = "*/pose/slow", "uav$*0/pose/slow", "uav$*00/pose/slow"
+"""Whose poses are counted: in the largest run, to count those of all would take a core of its own."""
 SHOWN = "uav500"
 """One of those that move, in the middle."""
 _BUNDLES = "uav0/@all/pose/slow"
@@ -49,7 +49,10 @@ def measure(results: Results, effort: Effort) -> None:
         with running(*_words(count)) as where, opened(where.endpoint) as session:
             time.sleep(_SETTLED)
             hovering = _busy(where, effort.seconds)
-            share, _ = flying(where, session, _names(count), effort.seconds)
+            share, _ = flying(where, session, _names(count), effort.seconds, _FEW)
+            if count == 100:
+                watched, _ = flying(where, session, _names(count), effort.seconds, _ALL)
+                results.add("watched_100", "ours", [watched])
         results.add(f"each_of_{count}", "ours", [share / count])
         if count >= 100:
             results.add(f"hover_{count}", "ours", [hovering])
@@ -72,7 +75,7 @@ def most() -> Iterator[tuple[Home, zenoh.Session]]:
 
 def fly_part(where: Home, session: zenoh.Session, seconds: float) -> tuple[float, list[float]]:
     """Fly a quarter of a thousand vehicles, as `flying` does."""
-    return flying(where, session, _names(_MANY)[::_MOVING], seconds, _SAMPLE)
+    return flying(where, session, _names(_MANY)[::_MOVING], seconds, _FEWER)
 
 
 def _measure_most(results: Results, effort: Effort) -> None:
@@ -143,7 +146,7 @@ def flying(
     session: zenoh.Session,
     moving: Sequence[str],
     seconds: float,
-    watched: str = "*/pose/slow",
+    watched: str,
 ) -> tuple[float, list[float]]:
     """Return the run's share of one core (%) for so long, and how long (s) each goto took.
 

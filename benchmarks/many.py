@@ -32,7 +32,7 @@ _COUNTS = (1, 10, 100, 300)
 _MANY, _MOVING = 1000, 4
 """Vehicles of the largest run, and which of them move: one in so many."""
 _ALL, _FEW, _FEWER = "*/pose/slow", "uav$*0/pose/slow", "uav$*00/pose/slow"
-"""Whose poses are counted: in the largest run, to count those of all would take a core of its own."""
+"""Poses that are counted: in the largest run, to count those of all would take a core of its own."""
 SHOWN = "uav500"
 """One of those that move, in the middle."""
 _BUNDLES = "uav0/@all/pose/slow"

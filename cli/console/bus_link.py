@@ -14,7 +14,8 @@ from quadctl.schemas.messages import Position
 from quadctl.schemas.topics import POSE, PRESSURE, REQUEST, STATE, ZONES
 from quadctl.services.runtime import run_files
 from quadctl.services.runtime.bus.client import Client
-from quadctl.services.runtime.errors import QuadctlError, Unreachable
+from quadctl.services.runtime.bus.streams import QueuedSubscriber
+from quadctl.services.runtime.errors import Invalid, NotAllowed, QuadctlError, Unreachable
 from quadctl.services.runtime.realm import Realm
 
 T = TypeVar("T")
@@ -22,6 +23,8 @@ T = TypeVar("T")
 _AGAIN = 0.5  # s between two attempts to reach a run that is gone
 _LOOK = 1.0  # s between two looks at the nodes; the parameters are read half as often
 _BACKLOG = 100
+_MANY = 5000  # states of other vehicles that wait for a look
+_GONE = 3.0  # s without a state of another vehicle after which it is not shown
 _log = logging.getLogger(__name__)
 
 
@@ -87,6 +90,7 @@ class Link:
         states = client.subscribe(STATE, backlog=_BACKLOG)
         requests = client.subscribe(REQUEST, backlog=1)
         fences = client.subscribe(ZONES, backlog=1, held=True)
+        others = _Others(client, self.vehicle)
         looked, self._client = 0.0, client
         with self._lock:
             self._board.problem = ""
@@ -98,9 +102,10 @@ class Link:
             if began - looked >= _LOOK:
                 looked = began
                 client.nodes()
-                nodes = self._processes()
+                nodes, places = self._processes(), others.places()
                 with self._lock:
                     self._board.nodes = nodes
+                    self._board.update_others(places)
             pose, reading, waypoint = poses.next(0), readings.next(0), requests.next(0)
             changes, zones = list(iter(lambda: states.next(0), None)), fences.next(0)
             with self._lock:
@@ -128,3 +133,27 @@ class Link:
             return run_files.read(self.realm).nodes
         except QuadctlError:
             return []
+
+
+class _Others:
+    """Goals of the run's other vehicles, each of which publishes its state once a second."""
+
+    def __init__(self, client: Client, vehicle: str) -> None:
+        self._own = STATE.key(vehicle)
+        self._goals: dict[str, tuple[float, Position]] = {}
+        """By the key of a state: when it came (monotonic s), and its goal, m."""
+        self._states: QueuedSubscriber | None = None
+        # A role may permit one vehicle alone.
+        with contextlib.suppress(NotAllowed):
+            self._states = client.listen(STATE.key("*"), backlog=_MANY)
+
+    def places(self) -> tuple[Position, ...]:
+        """Return where each holds or flies to, m; not those that fell silent."""
+        now = time.monotonic()
+        while self._states and (message := self._states.next(0)) is not None:
+            if message.key != self._own:
+                # What cannot be read is another author's: the page shows the others.
+                with contextlib.suppress(Invalid):
+                    self._goals[message.key] = now, message.decoded(STATE.type).goal
+        self._goals = {key: one for key, one in self._goals.items() if now - one[0] < _GONE}
+        return tuple(goal for _, goal in self._goals.values())

@@ -97,7 +97,7 @@ class Glance(NamedTuple):
 class Board:
     """State of a page; `epoch` counts the simulation's boots seen, each of which clears samples.
 
-    `zoned` counts the changes of the zones.
+    `zoned` counts the changes of the zones, `moved` those of the other vehicles' goals.
     """
 
     def __init__(self, vehicle: str) -> None:
@@ -110,7 +110,9 @@ class Board:
         self.refused: deque[Position] = deque(maxlen=_REFUSED_KEPT)
         self.verdicts: deque[Verdict] = deque(maxlen=_VERDICTS_KEPT)
         self.zones: tuple[Zone, ...] = ()
-        self.verified, self.noted, self.epoch, self.zoned = 0, 0, 0, 0
+        self.others: tuple[Position, ...] = ()
+        """Where each other vehicle holds or flies to, m."""
+        self.verified, self.noted, self.epoch, self.zoned, self.moved = 0, 0, 0, 0, 0
         self.silence = 0.0
         self.nodes: list[ProcessRecord] = []
         self.values: dict[str, Any] = {}
@@ -136,6 +138,12 @@ class Board:
         if now != self.zones:
             self.zones = now
             self.zoned += 1
+
+    def update_others(self, now: tuple[Position, ...]) -> None:
+        """Take the goals of the other vehicles."""
+        if now != self.others:
+            self.others = now
+            self.moved += 1
 
     def add_request(self, goal: Position) -> None:
         """Take a waypoint from the topic; a later state carries its verdict."""
@@ -274,25 +282,26 @@ _SILENT = 1.0  # s without a pose after which the page reports silence
 
 
 class Sent(NamedTuple):
-    """Newest epoch, sample and change of the zones that a page has."""
+    """Newest epoch, sample, and changes of the zones and of the others that a page has."""
 
     epoch: int
     sample: int
     zoned: int
+    moved: int
 
 
-NOTHING_SEEN = Sent(-1, 0, -1)
+NOTHING_SEEN = Sent(-1, 0, -1, -1)
 
 
 def frame(board: Board, seen: Sent, target: Position | None) -> tuple[dict[str, Any], Sent]:
     """Return the frame for a page, and what the page has seen with it.
 
-    The page's user aims at the `target`. Zones that it has are not sent again: they may have
-    thousands of corners.
+    The page's user aims at the `target`. Zones and other vehicles that it has are not sent again: there may
+    be thousands of corners.
     """
     number = seen.sample if seen.epoch == board.epoch else 0
     new = [sample for sample in board.samples if sample.number > number]
-    after = Sent(board.epoch, new[-1].number if new else number, board.zoned)
+    after = Sent(board.epoch, new[-1].number if new else number, board.zoned, board.moved)
     state, pose = board.state, board.pose
     content = {
         "fresh": number == 0,
@@ -303,6 +312,7 @@ def frame(board: Board, seen: Sent, target: Position | None) -> tuple[dict[str, 
         "cage": [state.cage.x, state.cage.y, state.cage.z] if state else None,
         "cage_on": bool(state and state.cage_on),
         "zones": None if seen.zoned == board.zoned else [_column(zone) for zone in board.zones],
+        "others": None if seen.moved == board.moved else [*map(_xyz, board.others)],
         "near": bool(state and state.nearest.near),
         "goal": _xyz(state.goal) if state else None,
         "pose": [*_xyz(pose.position), *_quaternion(pose)] if pose else None,

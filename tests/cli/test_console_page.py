@@ -326,3 +326,23 @@ def test_what_is_not_known_is_shown_as_not_known(chromium: Browser):
             assert tab.js("document.querySelector('.act.hold').ariaDisabled") == "true"
             assert tab.errors == []
             tab.close()
+
+
+# The heights of the dots in the picture, which Vue keeps.
+HEIGHTS = """(() => {
+  const { others } = getElement(Number(document.querySelector('.scene').id.slice(1)));
+  const places = others.children[0].geometry.attributes.position;
+  return places ? [...Array(places.count).keys()].map((n) => places.getZ(n)).sort() : [];
+})()"""
+
+
+def test_the_other_vehicles_of_the_run_are_shown_where_they_hold_or_fly_to(chromium: Browser):
+    with private_lab() as fleet:
+        fleet.start("--vehicles", 3, *SETTINGS)
+        with served(fleet) as console:
+            page = chromium.tab(console.control)
+            page.until(LIVE)
+            page.until(f"{HEIGHTS}.join() === '1,1'")
+            assert fleet.quadctl("goto", 0, 0, 1.5, "--vehicle", "uav1", "--settle").code == 0
+            page.until(f"{HEIGHTS}.join() === '1,1.5'")
+            page.close()

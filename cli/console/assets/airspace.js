@@ -1,6 +1,6 @@
-// The vehicle in its cage, redrawn only after a change.
+// The vehicle in its cage, and the others, redrawn only after a change.
 import { CSS2DRenderer, OrbitControls, THREE } from "nicegui-scene";
-import { COLOURS, column, cross, mark, place, room, vehicle } from "quadctl-shapes";
+import { COLOURS, column, cross, mark, others, place, room, spread, vehicle } from "quadctl-shapes";
 
 const KEPT = 600;
 const STILL = 5; // px; a pointer that moves less between down and up has clicked
@@ -62,9 +62,10 @@ export default {
       this.trail.frustumCulled = false;
       this.path = [];
       this.refused = new THREE.Group();
+      this.others = others();
       this.zones = [];
       for (const part of [this.vehicle, this.shadow, this.goal, this.aim, this.ghost]) part.visible = false;
-      world.add(this.vehicle, this.shadow, this.goal, this.aim, this.ghost, this.trail, this.refused);
+      world.add(this.vehicle, this.shadow, this.goal, this.aim, this.ghost, this.trail, this.refused, this.others);
       this.camera = new THREE.PerspectiveCamera(38, 1, 0.1, 500);
       this.camera.up.set(0, 0, 1);
       this.controls = new OrbitControls(this.camera, canvas);
@@ -78,12 +79,13 @@ export default {
       return true;
     },
     take(frame) {
-      const told = JSON.stringify([frame.cage, frame.cage_on, frame.pose, frame.goal, frame.target, frame.refused, frame.zones]);
+      const told = JSON.stringify([frame.cage, frame.cage_on, frame.pose, frame.goal, frame.target, frame.refused, frame.zones, frame.others]);
       if (frame.fresh) this.path = [];
       if (!frame.fresh && told === this.told) return;
       this.told = told;
       this.changed = true;
       this.zones = frame.zones ?? this.zones; // sent after a change
+      if (frame.others) spread(this.others, frame.others);
       if (frame.cage) this.build(frame.cage, frame.cage_on);
       if (frame.pose) {
         const [x, y, z, ...turn] = frame.pose;
@@ -137,6 +139,9 @@ export default {
         const inside = [-x, x].every((a) => [-y, y].every((b) => [0, z].every((c) => this.sees(a, b, c))));
         if (inside) break;
       }
+      const far = this.camera.position.length();
+      [this.camera.near, this.camera.far] = [Math.max(0.1, far / 2000), Math.max(500, 4 * far)];
+      this.camera.updateProjectionMatrix();
     },
     sees(x, y, z) {
       const at = new THREE.Vector3(x, y, z).project(this.camera);

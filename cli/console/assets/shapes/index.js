@@ -4,6 +4,7 @@ import { CSS2DObject, THREE } from "nicegui-scene";
 const COLOURS = {
   floor: "#f4f6f8", grid: "#c9d1d9", cage: "#1f5fbf", trail: "#d1480c", body: "#24292f", nose: "#d1480c",
   rotor: "#57606a", goal: "#1a7f37", refused: "#b42318", aim: "#8250df", exclusion: "#b42318", inclusion: "#1a7f37",
+  other: "#57606a",
 };
 const SIZE = 0.35; // m from the centre to a rotor as drawn, larger than the real vehicle to be visible
 
@@ -49,6 +50,23 @@ function place(group, at) {
   group.userData.foot.position.z = 0.01 - at[2];
 }
 
+// The other vehicles of the run: dots with poles to the floor.
+function others() {
+  const dots = new THREE.Points(new THREE.BufferGeometry(), new THREE.PointsMaterial({ color: COLOURS.other, size: 7, sizeAttenuation: false }));
+  const poles = lines([], COLOURS.other, { opacity: 0.25 });
+  return new THREE.Group().add(dots, poles);
+}
+
+function spread(group, places) {
+  const [dots, poles] = group.children;
+  dots.material.size = Math.min(7, Math.max(2, 90 / Math.sqrt(places.length))); // px
+  const feet = places.flatMap(([x, y, z]) => [[x, y, z], [x, y, 0]]);
+  for (const [part, points] of [[dots, places], [poles, feet]]) {
+    part.geometry.dispose();
+    part.geometry = new THREE.BufferGeometry().setFromPoints(points.map((point) => new THREE.Vector3(...point)));
+  }
+}
+
 function cross() {
   const [a, b] = [-0.14, 0.14];
   const group = lines([[a, a, a], [b, b, b], [a, b, a], [b, a, b], [a, a, b], [b, b, a], [a, b, b], [b, a, a]], COLOURS.refused);
@@ -69,11 +87,12 @@ function label(text, more = "") {
 function room(cage, on) {
   const made = new THREE.Group();
   const [x, y, z] = cage;
-  const wide = Math.ceil(Math.max(x, y) * 1.6);
+  const step = 10 ** Math.max(0, Math.ceil(Math.log10(Math.max(x, y) / 50))); // m between two lines
+  const wide = step * Math.ceil((Math.max(x, y) * 1.6) / step);
   const floor = new THREE.Mesh(new THREE.PlaneGeometry(2 * wide, 2 * wide), new THREE.MeshBasicMaterial({ color: COLOURS.floor, depthWrite: false }));
   floor.position.z = -0.02;
   floor.renderOrder = -1; // before everything on it
-  const grid = new THREE.GridHelper(2 * wide, 2 * wide, COLOURS.grid, COLOURS.grid);
+  const grid = new THREE.GridHelper(2 * wide, (2 * wide) / step, COLOURS.grid, COLOURS.grid);
   grid.rotation.x = Math.PI / 2;
   grid.material.transparent = true;
   grid.material.opacity = 0.55;
@@ -119,4 +138,4 @@ function column({ name, kind, corners, circle, floor, ceiling }, cage, on) {
   return made;
 }
 
-export { COLOURS, column, cross, mark, place, room, vehicle };
+export { COLOURS, column, cross, mark, others, place, room, spread, vehicle };

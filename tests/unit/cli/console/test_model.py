@@ -220,3 +220,13 @@ def test_every_key_steps_in_its_own_direction():
 
 def test_a_click_is_rounded_to_ten_centimetres():
     assert clicked(1.234, -0.04, 1.5) == Position(1.2, 0.0, 1.5)
+
+
+def test_the_places_of_other_vehicles_are_sent_after_a_change():
+    board, seen = Board("uav0"), NOTHING_SEEN
+    sent = []
+    for places in ((), (Position(1.0, 2.0, 3.0),), (Position(1.0, 2.0, 3.0),), ()):
+        board.update_others(places)
+        content, seen = frame(board, seen, None)
+        sent.append(content["others"])
+    assert sent == [[], [[1.0, 2.0, 3.0]], None, []]

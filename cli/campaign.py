@@ -52,16 +52,20 @@ class CampaignProcess:
 
     def __exit__(self, *_: object) -> None:
         assert self._popen.stdin is not None  # noqa: S101 - a pipe, requested above
+        assert self._popen.stdout is not None  # noqa: S101 - a pipe, requested above
         self._popen.stdin.close()
         try:
             self._popen.wait(_END)
         except subprocess.TimeoutExpired:
             self._popen.kill()
+        self._popen.stdout.close()
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """Yield its progress and notes; raise QuadctlError if it fails."""
         assert self._popen.stdout is not None  # noqa: S101 - a pipe, requested above
         for line in self._popen.stdout:
+            if not line.endswith(b"\n"):
+                break  # cut off with the process
             message: dict[str, Any] = msgspec.json.decode(line)
             if "error" in message:
                 raise _error(*message["error"])

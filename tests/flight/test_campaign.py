@@ -2,6 +2,7 @@
 
 import re
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -15,6 +16,7 @@ from quadctl.schemas.params import MeanWindParams, WindParams
 from quadctl.schemas.vehicle import ControlParams, VehicleParams
 from quadctl.services.airspace.airworthiness import wind_margin
 from quadctl.services.runtime import procfs
+from quadctl.services.runtime.errors import QuadctlError
 from tests.support.campaign_flights import kept
 from tests.support.compiled import compiled_kernel
 from tests.support.lab import Lab, private_lab
@@ -325,3 +327,13 @@ def test_the_report_names_flights_excursion_and_transitions(report: dict[str, An
     first, *rest = lines(report, 4.0, "quadctl campaign")
     assert first.startswith("6 flights of 4 s, worst excursion beyond the cage ")
     assert any(line.startswith("transitions") and "VERIFYING -> MOVING" in line for line in rest)
+
+
+def test_a_campaigns_process_that_dies_in_a_line_is_an_error(monkeypatch: pytest.MonkeyPatch):
+    half = 'import os; os.write(1, b\'{"flights": 1}\\n{"fli\'); os.kill(os.getpid(), 9)'
+    monkeypatch.setattr(command, "_COMMAND", (sys.executable, "-c", half))
+    with command.CampaignProcess({}) as process:
+        progress = iter(process)
+        assert next(progress) == {"flights": 1}
+        with pytest.raises(QuadctlError, match="ended with code -9"):
+            next(progress)

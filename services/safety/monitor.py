@@ -202,8 +202,6 @@ class Monitor:
         poses in its queue count first. For `own` of these seconds this process did not run.
         """
         late = age is not None and age > self._params.pose_timeout
-        if self._quiet and not late:  # it stays where it is, also without setpoints
-            return False
         if age is not None and late:
             self.lose()
             self.silent(age, own)

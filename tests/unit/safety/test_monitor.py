@@ -379,6 +379,18 @@ def test_every_request_is_counted_so_that_equal_refusals_differ():
     assert [state.request for state, _ in rig.published if state.reason == BEYOND] == [2, 3]
 
 
+def test_a_vehicle_that_has_rested_for_long_at_its_goal_may_be_sent_there_again():
+    rig = Rig().moving()
+    monitor, patience = rig.monitor, 2.0
+    monitor.watch(monitor.pose, 0.0, patience)
+    for _ in range(20):
+        rig.at(INSIDE)
+        assert not monitor.watch(monitor.pose, 0.0, patience)
+    assert monitor.goto(INSIDE) == ""
+    assert not monitor.watch(monitor.pose, 0.0, patience)
+    assert (rig.state.state, rig.state.reason) == ("MOVING", "")
+
+
 def test_the_log_shows_each_request_and_its_result():
     rig = Rig().hovering()
     rig.published.clear()

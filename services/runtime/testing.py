@@ -60,7 +60,7 @@ class FakeNode:
     ) -> None:
         self.name, self.vehicle, self.restarted = name, vehicle, False
         self.log = logging.getLogger(f"script.{name}")
-        self.stopping, self.reference_params = False, None
+        self.stopping, self.reference_params, self.single = False, None, True
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
         self.published: list[Published] = []

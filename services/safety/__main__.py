@@ -52,6 +52,8 @@ _UNSEEN = 1 / POSE_SLOW.hz - 1 / POSE.hz
 """Time (s) by which a slow pose may be older than the vehicle's newest one: no part of a silence."""
 _REQUESTS = 10
 """Requested positions that may wait: each costs a verdict, and only the newest one counts."""
+_SOME_TICKS = 100
+"""Ticks after which the others of a launch take off without a vehicle that has no pose."""
 _LEAST_GAP = 2.01 / SETPOINT.hz
 """Shortest gap (s) between the newest poses at two ticks that means a lack of setpoints: with poses
 and ticks at the same rate, jitter of a millisecond can make it two periods."""
@@ -61,7 +63,7 @@ class Safety:
     """Handlers of messages, calls and ticks."""
 
     def __init__(self, node: Node, params: Params, traffic: Traffic) -> None:
-        self._node, self._params = node, params
+        self._node, self._params, self._traffic = node, params, traffic
         self._is_stepped = params.dynamics.in_lockstep
         """True in lock-step: silence then stops the clock, not the flight."""
         self._states = node.publisher(STATE)
@@ -71,6 +73,8 @@ class Safety:
             params.safety, self._on_state, restarted=node.restarted, grace=params.dynamics.grace,
             name=node.vehicle, traffic=traffic, post=node.post,
         )  # fmt: skip
+        if not (node.single or self._is_stepped):
+            traffic.expect(node.vehicle)
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0
         self._held, self._last_tick, self._count = 0.0, 0.0, 0
@@ -122,6 +126,10 @@ class Safety:
         """Watch the silences, and publish the state once a second."""
         held_up, self._last_tick = now - self._last_tick > 2 / SETPOINT.hz, now
         self.watch(held_up=held_up)
+        if self.monitor.fresh or self._count > _SOME_TICKS:
+            self._traffic.attend(self._node.vehicle)
+        if self.monitor.takes_off and self._traffic.may_take_off(now):
+            self.monitor.take_off()
         if self._count % SETPOINT.hz == 0:
             self.publish()
         self._count += 1
@@ -233,13 +241,14 @@ class Safety:
         return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
 
-def run(node: Node, params: Params, traffic: Traffic | None = None) -> None:
+def run(node: Node, params: Params, shared: Traffic | None = None) -> None:
     """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
+    traffic = shared or Traffic()
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
-    safety = Safety(node, params, traffic or Traffic())
+    safety = Safety(node, params, traffic)
     there = node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE)
     if not there and not node.expects(POSE_SLOW):
         safety.listen_to_all_poses()
@@ -262,4 +271,4 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("safety", partial(run, traffic=Traffic(shared_lock())), keeps_time=True)
+    start("safety", partial(run, shared=Traffic(shared_lock())), keeps_time=True)

@@ -132,6 +132,8 @@ class Monitor:
         self.tracking = TrackingMonitor()
         self.pose = self._last = _NO_POSE
         self.fresh, self._landing = False, ""
+        self.takes_off = False
+        """True while a take-off after a boot is still to come; a request replaces it."""
         self._quiet: bool | None = False
         """True if, since the last event, a pose like the newest one changes nothing; None if nobody asked yet."""
         self.moved = -inf
@@ -256,6 +258,7 @@ class Monitor:
         The way is a `direct` one, or leads around zones that bar it. With `wait` a goal waits for
         vehicles that are about to leave its way; the reason then begins with `waits`.
         """
+        self.takes_off = False
         with self._traffic.lock:
             self._feed(Goto(astuple(goal), replace, takeoff))
             self._verify(direct=direct, wait=wait)
@@ -303,6 +306,7 @@ class Monitor:
 
     def hold(self) -> None:
         """Stop at the stopping point; a goal that waits is dropped."""
+        self.takes_off = False
         self._feed(Hold())
 
     def _wait_no_more(self, reason: str) -> None:
@@ -404,9 +408,16 @@ class Monitor:
         self._void.add(self.situation.boot)
         self._feed(Booted(self._greeting(first=first)))
         self._traffic.moved(self.name)
+        low = self.pose.position.z < ON_THE_GROUND
+        self.takes_off = self._params.takeoff > 0 and low and not stays
+        if self.takes_off and not self._traffic.begins:
+            self.take_off()
+
+    def take_off(self) -> None:
+        """Take off after a boot."""
         start = self.pose.position
-        if self._params.takeoff > 0 and not stays and start.z < ON_THE_GROUND:
-            self.goto(replace(start, z=start.z + self._params.takeoff), takeoff=True, direct=True)
+        goal = replace(start, z=start.z + self._params.takeoff)
+        self.goto(goal, takeoff=True, direct=True)
 
     def _greeting(self, *, first: bool) -> str:
         if not first:

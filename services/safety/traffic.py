@@ -41,6 +41,9 @@ _FARTHER = WIDER + 1e-6
 """Metres beyond the distance of two vehicles at which neither can matter to the other's way."""
 
 
+_APART, _AHEAD = 0.015, 0.3
+"""Seconds between two take-offs after a launch, so that of a thousand a quarter fly; and seconds of them that
+may come at once."""
 Mark = tuple[str, Point | int]
 """A vehicle, and its goal, or the number of its goal that waits: once that is another, it has flown."""
 
@@ -91,6 +94,9 @@ class Traffic:
         """Begin without a vehicle; the lock is for monitors that several threads feed."""
         self.lock = lock or nullcontext()
         self._members: dict[str, _Member] = {}
+        self._unattended: set[str] = set()
+        self._next = 0.0
+        """When the next vehicle may take off, monotonic s."""
         self._number = 0
 
     @property
@@ -101,6 +107,26 @@ class Traffic:
     def join(self, member: Participant, post: Post) -> None:
         """Add a vehicle; `post` runs a function on its loop."""
         self._members[member.name] = _Member(member, post)
+
+    @property
+    def begins(self) -> bool:
+        """Return whether vehicles are still to be attended to."""
+        return bool(self._unattended)
+
+    def expect(self, name: str) -> None:
+        """Let no vehicle take off before this one is attended to: meanwhile the first ones would lack setpoints."""
+        self._unattended.add(name)
+
+    def attend(self, name: str) -> None:
+        """Record that a vehicle's poses are answered from now on."""
+        self._unattended.discard(name)
+
+    def may_take_off(self, now: float) -> bool:
+        """Return whether all vehicles are attended to, and the next one may take off at a time (monotonic s)."""
+        if self.begins or now < self._next:
+            return False
+        self._next = max(self._next, now - _AHEAD) + _APART
+        return True
 
     def hold(
         self,

@@ -50,6 +50,15 @@ def test_two_vehicles_fly_without_numba(without_numba: Lab):
     assert "compil" not in lab.log("dynamics")
 
 
+@pytest.mark.thorough
+def test_all_of_a_large_launch_take_off(lab: Lab):
+    """The first ones wait for the last: meanwhile they would fly without setpoints, and stop."""
+    wide = sets("safety.virtual_cage.x=30", "safety.virtual_cage.y=30", "dynamics.rate=20")
+    lab.start("--vehicles", 200, *wide, *PATIENT)
+    eventually(lambda: lab.log("safety").count("Current State: HOVERING\n") == 200, 60.0)
+    assert "stopped" not in lab.log("safety")
+
+
 SLOW = """
 [processes]
 pressure = ["sh", "-c", "sleep 4; exec python -P -m quadctl.services.pressure"]

@@ -102,7 +102,6 @@ def test_the_process_of_each_follows_the_other(name: str, run: Any, given: str):
     other, params = OTHER[name], Params()
     received = [(called(set_params(other)), call(other, {given: 7.0}))]
     node = FakeNode(name, params, received, [])
-    node.single = True  # type: ignore[attr-defined]
     run(node, params)
     assert 7.0 in (params.safety.max_speed, params.dynamics.grace)
 

@@ -2,6 +2,7 @@
 
 import random
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from math import dist
@@ -14,12 +15,15 @@ from hypothesis import example, given, strategies as st
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Position
+from quadctl.schemas.params import SafetyParams
 from quadctl.services.airspace.geometry import Piece, distance
 from quadctl.services.airspace.separation import WIDER, How, Neighbour, Others, conflicts, why_near
 from quadctl.services.safety.model import State
+from quadctl.services.safety.monitor import Monitor
 from quadctl.services.safety.traffic import Traffic, _Member
 from tests.support import faulty_fleet
 from tests.support.fleet_flights import FleetFlight, worst
+from tests.support.monitored_vehicle import MonitoredVehicle
 from tests.support.proofs import Proofs
 from tests.support.worlds import POSE, RESTING
 
@@ -288,6 +292,40 @@ def test_a_reset_onto_the_way_of_another_stops_that_one():
     fleet.members[1].monitor.see(ahead)
     reason = fleet.members[0].monitor.state().reason
     assert reason == "stopped, separation: uav1 is too near the way"
+
+
+def launched(traffic: Traffic) -> MonitoredVehicle:
+    """Vehicle on the floor that is to take off, among those that its process begins with."""
+    made = MonitoredVehicle(SafetyParams(takeoff=1.0), Position(0.0, 0.0, 0.0), "uav0", traffic)
+    traffic.expect("uav0")
+    traffic.expect("uav1")
+    made.see()
+    return made
+
+
+def test_at_a_launch_nobody_takes_off_before_all_are_attended_to():
+    traffic = Traffic()
+    monitor = launched(traffic).monitor
+    traffic.attend("uav0")
+    assert (monitor.takes_off, monitor.situation.flies) == (True, False)
+    assert not traffic.may_take_off(1.0)
+    traffic.attend("uav1")
+    assert traffic.may_take_off(1.0)
+    monitor.take_off()
+    assert (monitor.takes_off, monitor.situation.flies) == (False, True)
+
+
+def test_at_a_launch_take_offs_follow_each_other():
+    traffic = Traffic()
+    counts = [sum(traffic.may_take_off(now) for _ in range(1000)) for now in (9.0, 9.0, 9.15, 19.0)]
+    assert counts == [20, 0, 10, 20]
+
+
+@pytest.mark.parametrize("request_", [Monitor.hold, lambda m: m.goto(Position(1.0, 0.0, 1.0))])
+def test_a_request_during_the_launch_replaces_the_take_off(request_: Callable[[Monitor], object]):
+    monitor = launched(Traffic()).monitor
+    request_(monitor)
+    assert not monitor.takes_off
 
 
 def test_random_flights_in_a_small_box_keep_apart():

@@ -68,8 +68,8 @@ def allowed(ours: SeparationParams, theirs: SeparationParams) -> tuple[float, fl
 def conflicts(place: Point, space: Space, others: Others) -> list[Neighbour]:
     """Return the vehicles that a way from a place (m) comes too near, in their order.
 
-    A vehicle that is too near already may leave: its way must not bring it nearer. One inside a space
-    in which another moves may not: the other may be anywhere in it.
+    A vehicle that is too near already may leave: its way must not bring it nearer. One too near a box in
+    which another moves, or inside its space, may not: the other may be anywhere in it.
     """
     here = (Piece(place, place),)
     return [other for other in others.near(space) if _comes_near(here, space, other)]
@@ -85,6 +85,8 @@ def _comes_near(here: Space, space: Space, other: Neighbour) -> bool:
     least = min(distance(here, other.space, across, tall), 1.0)
     if least < _ROUNDING:
         return other.how is not How.IS
+    if least < 1 and other.how is How.FLIES and any(piece.is_box for piece in other.space):
+        return True
     return distance(space, other.space, across, tall) < least - _ROUNDING
 
 

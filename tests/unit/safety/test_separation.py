@@ -102,6 +102,28 @@ def test_a_way_keeps_apart_from_a_vehicle(points, near: bool):
     assert why_near(found) == ("separation: uav3 is too near the way" if near else "")
 
 
+@pytest.mark.parametrize("how", [How.IS, How.FLIES])
+@pytest.mark.parametrize("is_box", [True, False])
+def test_beside_a_box_in_which_another_moves_a_vehicle_stays(is_box: bool, how: How):
+    """It may be anywhere in the box: nobody knows whether a way brings both nearer."""
+    space = Piece((0.0, -1.0, 1.0), (0.0, 1.0, 1.0), is_box)
+    there = Neighbour("uav3", (space,), 0.6, 0.9, how, clears=True)
+    along = way((0.4, 0.0, 1.0), (0.4, -1.0, 1.0))
+    found = conflicts((0.4, 0.0, 1.0), along, Others(lambda _: [there]))
+    assert bool(found) is (is_box and how is How.FLIES)
+
+
+def test_a_vehicle_does_not_pass_where_another_that_stops_may_come_to_rest():
+    fleet = flight((-0.45, 0.36, 0.11), (-1.29, -1.34, 0.42))
+    assert fleet.goto(1, Position(0.56, 1.05, 1.16)) == ""
+    while fleet.members[1].vehicle.position[0] < -0.41:
+        fleet.fly(0.05)
+    fleet.members[1].monitor.hold()
+    fleet.fly(0.15)
+    assert "uav1" in fleet.goto(0, Position(-0.61, -1.33, 0.04))
+    assert fleet.land().nearest > 1
+
+
 def flight(*starts: tuple[float, float, float]) -> FleetFlight:
     return FleetFlight(*(Position(*start) for start in starts))
 

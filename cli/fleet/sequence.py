@@ -36,7 +36,7 @@ _LOOK = 0.05
 """Seconds between two looks at the vehicles' distances."""
 
 
-_STOPPING = 3.0
+_STOPPING = 4.0
 """Seconds to come to rest; in gusts a vehicle never does, and flies from where it is."""
 
 
@@ -153,8 +153,9 @@ def settled(client: Client, within: float) -> Pose:
 
 
 def _settled(client: Client, law: StoppingLaw, within: float) -> Pose:
-    # From rest a way is straight. Poses show with a delay that a vehicle begins to move.
-    return slowed(client, AT_REST, within, law.settling) or client.first(POSE_SLOW)
+    # From rest a way is straight, to safety, too: its last command may have come just now.
+    rest = law.settling_after_command
+    return slowed(client, AT_REST, within, rest) or client.first(POSE_SLOW)
 
 
 def _params(client: Client) -> Params:
@@ -217,7 +218,7 @@ class Course:
         self._begun = [Event() for _ in legs]
         self._failed: set[str] = set()
         self.keeps = _keeps([*known.values()])
-        self._settling = {name: one.law.settling for name, one in known.items()}
+        self._rests = {name: one.law.settling_after_command for name, one in known.items()}
         self.in_real_time = not any(one.lockstep for one in known.values())
 
     @property
@@ -253,7 +254,7 @@ class Course:
             for number in own:
                 first = number == own[0]
                 if not first:  # only from rest is a way as straight as planned
-                    slowed(client, AT_REST, _STOPPING, self._settling[name])
+                    slowed(client, AT_REST, _STOPPING, self._rests[name])
                 follow(self._begin(number, client, replace=self._replace and first))
         except BaseException:
             self._failed.add(name)

@@ -64,6 +64,11 @@ class StoppingLaw(Struct, frozen=True):
         return self.response + AT_REST / self.deceleration
 
     @property
+    def settling_after_command(self) -> float:
+        """Return the time (s) after a command in which a vehicle at rest may yet be about to move, or settles."""
+        return self.response + self.settling
+
+    @property
     def steady(self) -> "StoppingLaw":
         """Return the law of a vehicle that speeds up no more."""
         return StoppingLaw(self.response, 0.0, self.deceleration)

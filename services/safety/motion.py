@@ -70,7 +70,8 @@ def _has_settled(s: Situation, w: World) -> bool:
 
     On a way of some centimetres it is never faster than one at rest.
     """
-    return min(w.rested, w.pose.stamp - s.commanded - w.stop.response) >= w.stop.settling
+    passed = w.pose.stamp - s.commanded
+    return w.rested >= w.stop.settling and passed >= w.stop.settling_after_command
 
 
 def stop_law(s: Situation, w: World) -> StoppingLaw:

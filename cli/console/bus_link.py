@@ -149,8 +149,10 @@ class _Others:
 
     def places(self) -> tuple[Position, ...]:
         """Return where each holds or flies to, m; not those that fell silent."""
-        now = time.monotonic()
-        while self._states and (message := self._states.next(0)) is not None:
+        now, states = time.monotonic(), self._states
+        # Those that wait now: a flood must not hold up the page.
+        waiting = (states.next(0) for _ in range(states.waiting)) if states else ()
+        for message in filter(None, waiting):
             if message.key != self._own:
                 # What cannot be read is another author's: the page shows the others.
                 with contextlib.suppress(Invalid):

@@ -126,7 +126,7 @@ class Safety:
         """Watch the silences, and publish the state once a second."""
         held_up, self._last_tick = now - self._last_tick > 2 / SETPOINT.hz, now
         self.watch(held_up=held_up)
-        if self.monitor.fresh or self._count > _SOME_TICKS:
+        if self._traffic.begins and (self.monitor.fresh or self._count > _SOME_TICKS):
             self._traffic.attend(self._node.vehicle)
         if self.monitor.takes_off and self._traffic.may_take_off(now):
             self.monitor.take_off()

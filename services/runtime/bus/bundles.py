@@ -16,7 +16,6 @@ import zenoh
 from msgspec import Raw, Struct, msgpack
 
 from quadctl.schemas.topics import POSE_SLOW, SETPOINT, Topic
-from quadctl.schemas.typed import BUILDING
 from quadctl.services.runtime.bus import codec, zenoh_events
 from quadctl.services.runtime.bus.pubsub import Subscription
 from quadctl.services.runtime.executor import Outbox
@@ -83,11 +82,7 @@ class Bundles:
         """Pass a vehicle's messages of a topic on to a subscription, until the result is called."""
         if topic.name not in self._in:
             self._in[topic.name] = {}
-            type_: Any = topic.type
-            with BUILDING:
-                decode = msgpack.Decoder(list[tuple[str, type_]]).decode
-            on_bundle = partial(self._on_bundle, topic, decode)
-            callback = zenoh.handlers.Callback(on_bundle, indirect=False)
+            callback = zenoh.handlers.Callback(partial(self._on_bundle, topic), indirect=False)
             self._subscribers.append(self._session.declare_subscriber(self._key(topic), callback))
         takers = self._in[topic.name].setdefault(vehicle, [])
         takers.append(subscription)
@@ -96,17 +91,14 @@ class Bundles:
     def _key(self, topic: Topic[Any]) -> str:
         return f"{self._lead}/@all/{topic.name}"
 
-    def _on_bundle(
-        self,
-        topic: Topic[Any],
-        decode: Callable[[bytes], list[tuple[str, Any]]],
-        sample: zenoh.Sample,
-    ) -> None:
+    def _on_bundle(self, topic: Topic[Any], sample: zenoh.Sample) -> None:
         zenoh_events.pin_thread_state()
         now, takers, payload = time.monotonic(), self._in[topic.name], sample.payload.to_bytes()
+        type_: Any = topic.type
+        bundle: Any = list[tuple[str, type_]]
         encoding = ""
         try:
-            parts = decode(payload)
+            parts: list[tuple[str, Any]] = codec.decoder(bundle).decode(payload)
         except codec.UNREADABLE:
             # One bad message must not cost the other vehicles theirs.
             encoding = _encoding(topic)

@@ -8,16 +8,12 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests.support.browser import PHONE, Browser, Tab, browser
-from tests.support.lab import NODES, Lab, private_lab
+from tests.support.lab import NODES, Lab, private_lab, sets
 from tests.support.running import eventually
 from tests.support.served_console import Console, served
 
 # A pose may be late on a machine that is busy drawing a page.
-SETTINGS = [
-    word
-    for name in ("dynamics.start.z=1", "safety.virtual_cage.z=2", "safety.pose_timeout=5")
-    for word in ("--set", name)
-]
+SETTINGS = sets("dynamics.start.z=1", "safety.virtual_cage.z=2", "safety.pose_timeout=5")
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.support.lab import Lab, private_lab
+from tests.support.lab import Lab, private_lab, sets
 from tests.support.running import eventually
 
 FILE = """
@@ -260,8 +260,7 @@ def test_a_vehicle_lands_in_gusts_with_a_small_acceptance_range(lab: Lab):
     wind = ("dynamics.wind.gust=0.75", "dynamics.wind.mean.x=5", "dynamics.seed=3")
     # About the least that is accepted there.
     settings = ("safety.acceptance_range=0.05", *wind, "dynamics.speed=5")
-    words = (word for each in settings for word in ("--set", each))
-    assert lab.quadctl("up", "-d", *LONG_TIMEOUTS, *words).code == 0
+    assert lab.quadctl("up", "-d", *LONG_TIMEOUTS, *sets(*settings)).code == 0
     done = lab.quadctl("fleet", "land-all", "--json")
     assert done.code == 0, done
     assert json.loads(done.out)[0]["landed"]

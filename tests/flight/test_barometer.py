@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.bare import Bare, Watch
 from tests.support.doctored import ask
-from tests.support.lab import PATIENT, Lab, private_lab
+from tests.support.lab import PATIENT, Lab, private_lab, sets
 from tests.support.running import eventually
 
 
@@ -299,9 +299,7 @@ def test_a_calibration_while_climbing_has_a_larger_spread(
     ],
 )
 def test_impossible_barometer_settings_stop_the_launch(lab: Lab, settings: list[str], said: str):
-    done = lab.quadctl(
-        "up", "-d", *(word for text in settings for word in ("--set", text)), "--json"
-    )
+    done = lab.quadctl("up", "-d", *sets(*settings), "--json")
     assert done.code == 6
     assert said in done.error["message"]
     assert lab.is_gone()

@@ -19,7 +19,7 @@ from quadctl.services.runtime import procfs
 from quadctl.services.runtime.errors import QuadctlError
 from tests.support.campaign_flights import kept
 from tests.support.compiled import compiled_kernel
-from tests.support.lab import Lab, private_lab
+from tests.support.lab import Lab, private_lab, sets
 from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
@@ -245,7 +245,7 @@ def searched(
     words = [f"safety.virtual_cage.{axis}={value}" for axis, value in zip("xyz", size, strict=True)]
     done = lab.quadctl(
         "campaign", "--search", 3600, "--flights", flights, "--seed", seed, "--json", *more,
-        *(word for setting in words for word in ("--set", setting)), timeout=3700.0,
+        *sets(*words), timeout=3700.0,
     )  # fmt: skip
     assert done.code in {0, 8}, done.err
     found: dict[str, Any] = done.json["search"]

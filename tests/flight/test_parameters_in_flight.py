@@ -12,7 +12,7 @@ from msgspec import inspect
 from quadctl.schemas.params import FROM_STANDSTILL
 from quadctl.services.runtime.params import catalogue
 from tests.support.bare import Bare, pack, ticket, unpack
-from tests.support.lab import private_lab
+from tests.support.lab import private_lab, sets
 from tests.support.running import DEADLINE, eventually
 
 CAGE = {"x": 5.0, "y": 5.0, "z": 2.0}
@@ -44,8 +44,7 @@ NAMES = [name for name in catalogue.leaves() if name.startswith(FROM_STANDSTILL)
 def fast() -> Iterator[Bare]:
     """System at the highest speed (`dynamics.speed=0`), the vehicle in the air."""
     with private_lab() as made:
-        settings = ("dynamics.speed=0", "dynamics.start.z=1", "safety.virtual_cage.z=2")
-        made.start(*(word for setting in settings for word in ("--set", setting)))
+        made.start(*sets("dynamics.speed=0", "dynamics.start.z=1", "safety.virtual_cage.z=2"))
         with made.bare() as bare:
             yield bare
 

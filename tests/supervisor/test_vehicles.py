@@ -9,7 +9,7 @@ from functools import partial
 
 import pytest
 
-from tests.support.lab import NODES, PATIENT, Lab, private_lab
+from tests.support.lab import NODES, PATIENT, Lab, private_lab, sets
 from tests.support.proofs import Proofs
 from tests.support.running import eventually
 
@@ -318,6 +318,7 @@ def test_a_vehicles_flight_does_not_depend_on_the_other_vehicles(
             for name in ("dynamics.start.x", "dynamics.start.y", "dynamics.seed")
         ]
         among[vehicle] = digest(lab, vehicle, own[vehicle])
+    assert digest(lab, picked[0], own[picked[0]]) == among[picked[0]]
     assert lab.quadctl("down") == (0, f"realm {lab.realm} is down\n", "")
     assert len({flown["poses"] for flown in among.values()}) == len(among)
     for vehicle in picked:
@@ -338,11 +339,6 @@ def digest(lab: Lab, vehicle: str, own: list[str]) -> dict[str, str]:
     assert done.code == 0, done.err
     assert [row["accepted"] for row in done.json["rows"]] == [True, True]
     return {name: done.json[name] for name in ("poses", "transitions", "pressure")}
-
-
-def sets(*assignments: object) -> list[object]:
-    """Return the options that set these values."""
-    return [word for each in assignments for word in ("--set", each)]
 
 
 @pytest.mark.thorough

@@ -24,6 +24,13 @@ NODES = ["hub", "dynamics", "pressure", "safety"]
 QUADCTL = [sys.executable, "-P", "-m", "quadctl.cli.main"]
 PATIENT = ("--set", "safety.pose_timeout=0.6", "--set", "dynamics.setpoint_timeout=0.6")
 """Options of `up` that prevent a busy machine from stopping a flight."""
+
+
+def sets(*assignments: object) -> tuple[object, ...]:
+    """Return the options of a command that set these values, e.g. `dynamics.seed=1`."""
+    return tuple(word for each in assignments for word in ("--set", each))
+
+
 _PRIVATE = ("QUADCTL_", "XDG_RUNTIME_DIR", "ZENOH_", "PYTHON", "NO_COLOR")
 """Prefixes of environment variables that a lab does not inherit."""
 CACHE = Path(__file__).parents[2] / ".cache"

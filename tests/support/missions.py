@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from tests.support.lab import Lab
+from tests.support.lab import Lab, sets
 
 MISSION = """
 end = 8.0
@@ -33,7 +33,7 @@ SAME = ("hash", "poses", "transitions", "pressure", "counts", "rows")
 def start(lab: Lab, *settings: str) -> None:
     """Start a system with these settings, and write the mission file."""
     lab.file(MISSION, "mission.toml")
-    lab.start(*(word for setting in settings for word in ("--set", setting)))
+    lab.start(*sets(*settings))
 
 
 def fly(lab: Lab, timeout: float = 50.0) -> dict[str, Any]:

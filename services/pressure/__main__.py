@@ -73,6 +73,11 @@ class Output:
         self._begun = time.monotonic()
         node.serve(CALIBRATE, self._calibrate, inline=True)
 
+    @property
+    def is_awaited(self) -> bool:
+        """Return whether each reading matters at its time: somebody subscribes, or the sensor is real."""
+        return self._readings.has_subscribers or self._params.pressure.source == "iio"
+
     def begin(self) -> None:
         """Restart all that is random, and forget all readings; the baseline stays."""
         self._sense = switched_on(self._params)
@@ -111,10 +116,16 @@ class Output:
 
 _DEPTH = 100_000
 """Poses in the queue: in lock-step no process waits for the sensor, and it must lose none."""
+_CATCH_UP = 1.0
+"""Ticks a second while nobody subscribes."""
 
 
 class Rhythm:
-    """Timing of the readings: in real time at their own rate, in lock-step by the poses'."""
+    """Timing of the readings: in real time at their own rate, in lock-step by the poses'.
+
+    In real time, while nobody subscribes, the readings are taken once a second and before each call, from
+    the poses that came meanwhile: of many vehicles, each wake costs more than a second's readings.
+    """
 
     def __init__(self, node: Node, params: Params) -> None:
         self._node, self._params = node, params
@@ -122,7 +133,7 @@ class Rhythm:
         self._output = Output(node, params, self._now)
         self._boot, self._last = "", -1
         self._pose: Pose | None = None
-        self._is_ours = True
+        self._is_ours, self._by_poses = True, True
         self._topic = self._needed()
         self._poses = self._listen()
         node.on_params = self._on_params
@@ -130,24 +141,21 @@ class Rhythm:
 
     def run(self) -> None:
         """Take readings until stopped."""
-        there = self._node.wait_for(lambda: self._newest() is not None, FIRST_POSE)
+        there = self._node.wait_for(lambda: self._pose is not None, FIRST_POSE)
         # A vehicle that is not ours may publish no others than the fast ones.
         self._is_ours = there or self._node.expects(POSE_SLOW)
-        self._node.every(lambda: self._params.pressure.rate, self._tick)
+        self._node.every(self._tick_rate, self._tick)
+
+    def _tick_rate(self) -> float:
+        rate = self._params.pressure.rate
+        return rate if self._output.is_awaited else min(rate, _CATCH_UP)
 
     def _tick(self, now: float) -> None:
         self._change_topic()
-        if not self._lockstep:
-            self._output.read(now, self._newest())
-
-    def _newest(self) -> Pose | None:
-        if (
-            not self._lockstep
-            and (pose := self._poses.value) is not None
-            and pose is not self._pose
-        ):
-            self._on_pose(pose)
-        return self._pose
+        # Changed here alone: the poses up to this tick, handled just before, were not read by ticks.
+        self._by_poses = self._lockstep or not self._output.is_awaited
+        if not self._by_poses:
+            self._output.read(now, self._pose)
 
     def _on_params(self) -> None:
         self._output.log_fault()
@@ -169,14 +177,11 @@ class Rhythm:
             self._poses = self._listen()
 
     def _listen(self) -> Subscription[Any]:
-        # In real time, only the newest pose at a reading matters.
-        handler = self._on_poses if self._lockstep else None
-        return self._node.listen(self._topic, handler, _DEPTH)
+        return self._node.listen(self._topic, self._on_poses, _DEPTH, wakes=self._lockstep)
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""
-        pose = self._newest()  # a call is logged with its time
-        return pose.stamp if self._lockstep and pose else time.monotonic()
+        return self._pose.stamp if self._lockstep and self._pose else time.monotonic()
 
     def _on_poses(self, message: Pose | Poses) -> None:
         for pose in message.poses if isinstance(message, Poses) else (message,):
@@ -191,9 +196,9 @@ class Rhythm:
                 # Equal flights give equal readings.
                 self._output.begin()
         now = period(pose.stamp, self._params.pressure.rate)
-        if now != self._last and self._lockstep:
+        if now != self._last and self._by_poses:
             self._last = now
-            self._output.read(pose.stamp, pose)
+            self._output.read(pose.stamp if self._lockstep else self._poses.received, pose)
         self._node.advance_sim_time(pose.boot, pose.stamp)
 
 

@@ -131,8 +131,9 @@ class Node:
         defer = self.executor.defer if together and not self.single else None
         bundle = self._bundles.out(topic, self.vehicle) if together and self._bundles else None
         publisher = Publisher(
-            self._session, key, topic, waits=self._lockstep, defer=defer, bundle=bundle
-        )
+            self._session, key, topic, waits=self._lockstep, defer=defer, bundle=bundle,
+            on_match=self.executor.retime,
+        )  # fmt: skip
         if topic.latched:
             self._answer_queries(key, publisher.answer)
         if topic is SETPOINT:

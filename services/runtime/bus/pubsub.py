@@ -23,6 +23,7 @@ class Publisher(Generic[M]):
 
     A subscriber without room loses the message; with `waits`, `put` blocks for it, 1 s at most.
     `defer`, if any, sends a message later. What goes out by `bundle` goes out alone, too, only while somebody subscribes.
+    `on_match` is called, on a Zenoh thread, when subscribers come or all have gone.
     """
 
     def __init__(
@@ -34,6 +35,7 @@ class Publisher(Generic[M]):
         waits: bool = False,
         defer: Callable[[Callable[[], None]], None] | None = None,
         bundle: Callable[[M], None] | None = None,
+        on_match: Callable[[], None] = lambda: None,
     ) -> None:
         self._key, self._type = key, topic.type
         self._encoding = codec.encoding(topic.type)
@@ -44,7 +46,7 @@ class Publisher(Generic[M]):
             congestion_control=control.BLOCK if waits else control.DROP,
         )
         self._defer, self._bundle = defer, bundle
-        self._matches = zenoh_events.MatchingListener(self._publisher)
+        self._matches = zenoh_events.MatchingListener(self._publisher, on_match)
         self._last = b""
 
     @property

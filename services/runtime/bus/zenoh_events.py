@@ -67,10 +67,15 @@ def request_latched(session: zenoh.Session, key: str, take: Callable[[zenoh.Samp
 
 
 class MatchingListener:
-    """Listener to the matching servers of a querier or subscribers of a publisher."""
+    """Listener to the matching servers of a querier or subscribers of a publisher.
 
-    def __init__(self, end: zenoh.Querier | zenoh.Publisher) -> None:
-        self._end = end
+    From the first use on, `on_change` is called after each change, on a Zenoh thread.
+    """
+
+    def __init__(
+        self, end: zenoh.Querier | zenoh.Publisher, on_change: Callable[[], None] = lambda: None
+    ) -> None:
+        self._end, self._on_change = end, on_change
         self._listener: zenoh.MatchingListener[None] | None = None
         self._there, self._changes = threading.Event(), 0
         self._waited = False
@@ -131,3 +136,4 @@ class MatchingListener:
             self._there.set()
         else:
             self._there.clear()
+        self._on_change()

@@ -103,7 +103,8 @@ def _least_apart(bundles: Sequence[bytes]) -> float:
     keep, places, least = SeparationParams(), dict[str, tuple[float, float, float]](), np.inf
     scale = np.array([2 * keep.radius, 2 * keep.radius, keep.height])
     for bundle in bundles:
-        poses = dict(msgspec.msgpack.decode(bundle))
+        _, _, parts = msgspec.msgpack.decode(bundle)
+        poses = {name: pose for name, pose, _ in parts}
         places |= {name: (*pose["position"].values(),) for name, pose in poses.items()}
         if len(places) == _MANY and "uav0" in poses:  # once a period
             at = np.array([*places.values()]) / scale

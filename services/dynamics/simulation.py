@@ -10,6 +10,7 @@ hold; then it stands level, and flies to a new goal only.
 
 import math
 import os
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -94,8 +95,11 @@ campaign, and motors at half their thrust, move it by less than 1 m."""
 _DROP = 0.1
 """Height (m) from which such a vehicle drops: blown along, it might not come nearer to the floor."""
 _STEPS_PER_SECOND = 1000
+_STEPS_PER_PERIOD = round(_STEPS_PER_SECOND / POSE_SLOW.hz)
 _REPUBLISH = 0.25
 """Time (s) after which, in lock-step, an unanswered pose is published again."""
+_AT_REST = 1.0
+"""Ticks a second of a vehicle at rest among others: a process that begins meanwhile needs a pose."""
 _SILENCE = 5.0
 """Silence of safety (s) after which, in lock-step, a warning is logged."""
 
@@ -120,11 +124,16 @@ class Simulation:
         self.boot()
         self.poses = node.publisher(POSE, lambda: params.dynamics.rate, together=True)
         self._due_poses = node.publisher(POSE_SLOW, together=True)
+        self._part = self._due_poses.part
         self._all_poses = node.publisher(POSES) if self._in_lockstep else None
         self._poses_per_tick, self._last_tick = 1, 0.0
         # Setpoints take effect at the next pose, so they need not wake the node before it.
-        self._setpoints = node.listen(SETPOINT, self._on_setpoint, wakes=False)
+        self._setpoints = node.listen(
+            SETPOINT, self._on_setpoint, wakes=lambda: self._rest > 0
+        )
         self._arrived: deque[tuple[float, Setpoint]] = deque()
+        if self._part:
+            node.executor.add_poller(self._pass_rest)
 
     def reset(self, name: str) -> None:
         """Start a new boot, by a given or a random name, and publish it."""
@@ -133,6 +142,7 @@ class Simulation:
         self.boot(name)
         self.publish()
         self.advance_time()
+        self._node.retime()
 
     def boot(self, name: str = "") -> None:
         """Put the vehicle on its start, as a new boot that ignores old setpoints."""
@@ -140,6 +150,9 @@ class Simulation:
         self._boot, self._seq = name or os.urandom(4).hex(), 0
         self._boots.add(self._boot)
         self._answered, self._braked, self._last_setpoint = -1, True, 0.0
+        self._asked = self._rest = self._rested = 0
+        """Number of the last pose sent; its step if the vehicle repeats it, else 0; and the beat up to which."""
+        self._wakes = False
         self._latch, self._ignores, self._alone = GoalLatch(), False, False
         self._lands = False
         self._followed: Setpoint | None = None
@@ -153,6 +166,7 @@ class Simulation:
     def configure(self) -> None:
         """Take the parameters' new values; the start counts from the next boot."""
         self._vehicle.configure(self._params)
+        self._wakes = True
         self._mark()
         if self._lands:
             # Safety judges the same change, and its next goal may come before the next pose.
@@ -180,14 +194,57 @@ class Simulation:
         rate = self._params.rate
         if self._in_lockstep:
             return rate * (self._params.speed or math.inf)
+        if self._rest and not (self._wakes or self._is_seen):
+            return _AT_REST
         waits = not self._answer_is_due or rate % POSE_SLOW.hz or self.poses.has_subscribers
         self._poses_per_tick = 1 if waits else int(rate / POSE_SLOW.hz)
         return rate / self._poses_per_tick
 
     def tick(self, now: float) -> None:
         """Fly up to a time on the monotonic clock, s, as if each pose had its own tick."""
+        if self._rest and self._part:
+            if self._part.beats == self._rested:
+                return  # woken within the period of its last pose
+            self._rest = 0
         for poses_left in reversed(range(self._poses_per_tick)):
             self._fly_one_pose(now - poses_left / self._params.rate)
+
+    @property
+    def _is_seen(self) -> bool:
+        """Return whether anybody but the run's own processes receives the poses."""
+        return self.poses.has_subscribers or self._due_poses.has_subscribers
+
+    def _may_rest(self) -> bool:
+        """Return whether the vehicle only repeats this pose until it gets another setpoint.
+
+        The first vehicle never rests: its poses are the beats by which the others count.
+        """
+        return (
+            not self._node.is_first
+            and self._vehicle.is_still
+            and self._poses_per_tick == self._params.rate / POSE_SLOW.hz
+            and self._answered >= self._asked
+            and self._params.fault.pose == "none"
+            and not (self._lands or self._unheld or self._is_seen)
+        )
+
+    def _pass_rest(self) -> None:
+        """Let the periods pass that a vehicle at rest has repeated its pose, but for the present one."""
+        if self._rest and self._part and (passed := self._part.beats - self._rested - 1) > 0:
+            self._rested += passed
+            self._seq += passed * self._rest
+            self._vehicle.rest(passed * _STEPS_PER_PERIOD)
+            # No setpoint answers a repetition, so none is missing.
+            now, passing = time.monotonic(), passed / POSE_SLOW.hz
+            self._follow_until(now)
+            self._last_setpoint = min(self._last_setpoint + passing, now)
+            self._last_tick += passing
+            self.advance_time()
+
+    def _wake(self) -> None:
+        """End a rest with the next tick, and let that come soon."""
+        self._wakes = True
+        self._node.retime()
 
     def _fly_one_pose(self, now: float) -> None:
         params = self._params
@@ -215,6 +272,8 @@ class Simulation:
         if self._answer_is_due:
             self._hold_or_land()
         self._seq += 1
+        if self._part and self._answer_is_due and self._node.is_first:
+            self._part.beat()
         self.publish()
         self.advance_time()
 
@@ -271,7 +330,11 @@ class Simulation:
                 self.poses.put(pose)
             self._unsent.clear()
         if self._answer_is_due:
-            self._due_poses.put(reported)
+            self._rest = self._poses_per_tick if self._part and self._may_rest() else 0
+            self._due_poses.put(reported, self._rest)
+            self._asked = self._seq
+            if self._part:
+                self._rested, self._wakes = self._part.beats, False
 
     def _brake(self) -> None:
         """Come to a hover at the stopping point."""
@@ -314,6 +377,8 @@ class Simulation:
 
     def _on_setpoint(self, setpoint: Setpoint) -> None:
         self._arrived.append((self._setpoints.received, setpoint))
+        if self._rest and not self._follows_already(setpoint):
+            self._wake()
 
     def _follow_until(self, now: float) -> None:
         """Follow the setpoints that arrived up to a time on the monotonic clock, s."""

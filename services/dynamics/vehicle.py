@@ -219,3 +219,7 @@ class Vehicle:
         )  # fmt: skip
         self.steps += steps
         self._settle()
+
+    def rest(self, steps: int) -> None:
+        """Let this many steps pass for a vehicle that is still, as `advance` does."""
+        self.steps += steps

@@ -8,12 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from quadctl.schemas.messages import Pose, Poses
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateRequest, CalibrateResponse
 from quadctl.schemas.topics import CALIBRATE, POSE, POSE_SLOW, POSES, PRESSURE, Topic, period
 from quadctl.services.pressure import iio
-from quadctl.services.pressure.barometer import Barometer, NoSample, SensorFaults
+from quadctl.services.pressure.barometer import AVERAGED, Barometer, NoSample, SensorFaults
 from quadctl.services.pressure.iio import has_pressure, hectopascals
 from quadctl.services.pressure.simulated import Simulated
 from quadctl.services.runtime.bus.pubsub import Subscription
@@ -118,6 +120,8 @@ _DEPTH = 100_000
 """Poses in the queue: in lock-step no process waits for the sensor, and it must lose none."""
 _CATCH_UP = 1.0
 """Ticks a second while nobody subscribes."""
+_NONE = -1, 0.0
+"""Count of the readings' periods before the first one, and the rate (Hz) that it was by."""
 
 
 class Rhythm:
@@ -131,7 +135,7 @@ class Rhythm:
         self._node, self._params = node, params
         self._lockstep = params.dynamics.in_lockstep
         self._output = Output(node, params, self._now)
-        self._boot, self._last = "", -1
+        self._boot, self._counted = "", _NONE
         self._pose: Pose | None = None
         self._is_ours, self._by_poses = True, True
         self._topic = self._needed()
@@ -177,7 +181,7 @@ class Rhythm:
             self._poses = self._listen()
 
     def _listen(self) -> Subscription[Any]:
-        return self._node.listen(self._topic, self._on_poses, _DEPTH, wakes=self._lockstep)
+        return self._node.listen(self._topic, self._on_poses, _DEPTH, wakes=self._lockstep, skips=True)
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""
@@ -187,18 +191,29 @@ class Rhythm:
         for pose in message.poses if isinstance(message, Poses) else (message,):
             self._on_pose(pose)
 
+    def _read_by(self, pose: Pose) -> None:
+        """Take the readings that are due by a pose; at rest, one pose may stand for many."""
+        before, rate = self._counted, self._params.pressure.rate
+        self._counted = now, _ = period(pose.stamp, rate), rate
+        if now == before[0]:
+            return
+        clock = pose.stamp if self._lockstep else self._poses.received
+        is_later = not self._lockstep and before[1] == rate and before[0] >= 0
+        missed = min(now - before[0] - 1, int(rate * AVERAGED)) if is_later else 0
+        for behind in range(missed, -1, -1):
+            ago = behind / rate
+            self._output.read(clock - ago, replace(pose, stamp=pose.stamp - ago) if ago else pose)
+
     def _on_pose(self, pose: Pose) -> None:
         self._pose = pose
         if pose.boot != self._boot:
-            self._boot, self._last = pose.boot, -1
+            self._boot, self._counted = pose.boot, _NONE
             self._node.advance_sim_time(pose.boot, 0.0)
             if self._lockstep:
                 # Equal flights give equal readings.
                 self._output.begin()
-        now = period(pose.stamp, self._params.pressure.rate)
-        if now != self._last and self._by_poses:
-            self._last = now
-            self._output.read(pose.stamp if self._lockstep else self._poses.received, pose)
+        if self._by_poses:
+            self._read_by(pose)
         self._node.advance_sim_time(pose.boot, pose.stamp)
 
 

@@ -83,6 +83,10 @@ _LATE = 0.1
 """Lateness (s) beyond which a loop drops the ticks that it missed and does not catch up."""
 
 
+_DIGITS = 6
+"""Digits (s) of the times of ticks: those that are to be together must be equal."""
+
+
 class _Beat:
     """Times of ticks, counted and not added up, so that none is lost to rounding.
 
@@ -104,7 +108,7 @@ class _Beat:
 
     def _count_from(self, start: float, count: int) -> None:
         self._start, self._count = start, count
-        self.due = start + count / self._rate
+        self.due = round(start + count / self._rate, _DIGITS)
         """Time of the next tick, monotonic s."""
 
     def is_due(self, now: float) -> bool:
@@ -327,6 +331,8 @@ _TOGETHER = 128
 """Nodes that tick together at most: what comes meanwhile waits for all of them."""
 _APART = 1 / 160
 """Time (s) between the ticks of one group and the next: in 50 ms, the ticks of eight groups."""
+_SLOTS = 20
+"""Parts of a second at which a group ticks; those that tick once a second share them out."""
 
 
 class MultiNodeExecutor:
@@ -344,7 +350,7 @@ class MultiNodeExecutor:
         self._runnable: SimpleQueue[_GreenletQueue] = SimpleQueue()
         self._timers: list[tuple[float, int, _Timed]] = []
         self._numbers = count()
-        self._origin = time.monotonic()
+        self._origin = round(time.monotonic(), _DIGITS)
         self.outbox = Outbox()
 
     def new_executor(self) -> Executor:
@@ -352,9 +358,10 @@ class MultiNodeExecutor:
         if self._single:
             return Executor()
         queue = _GreenletQueue(self._runnable.put, self._sleep)
-        group = len(self._queues) // _TOGETHER
+        group, slot = len(self._queues) // _TOGETHER, len(self._queues) % _SLOTS
         self._queues.append(queue)
-        return Executor(queue, self._origin + group * _APART, self.outbox, self._at)
+        origin = self._origin + group * _APART - slot / _SLOTS
+        return Executor(queue, origin, self.outbox, self._at)
 
     def add_node(self, loop: Executor, run: Callable[[], None]) -> None:
         """Add a node; `run` must return when its loop is stopped."""

@@ -129,9 +129,9 @@ class Node:
                 lambda: self._endpoint("@pub", topic, topic.hz if hz is None else hz())
             )
         defer = self.executor.defer if together and not self.single else None
-        bundle = self._bundles.out(topic, self.vehicle) if together and self._bundles else None
+        part = self._bundles.out(topic, self.vehicle) if together and self._bundles else None
         publisher = Publisher(
-            self._session, key, topic, waits=self._lockstep, defer=defer, bundle=bundle,
+            self._session, key, topic, waits=self._lockstep, defer=defer, part=part,
             on_match=self.executor.retime,
         )  # fmt: skip
         if topic.latched:
@@ -151,7 +151,8 @@ class Node:
         depth: int = _DEPTH,
         *,
         inline: bool = False,
-        wakes: bool = True,
+        wakes: bool | Callable[[], bool] = True,
+        skips: bool = False,
     ) -> Subscription[M]:
         """Subscribe to a topic; the handler, if any, runs on the node's loop.
 
@@ -167,14 +168,16 @@ class Node:
             handler, depth = self._advancing(handler), _ALL
 
         def awaited() -> bool:
-            return self.executor.waits > 0 or self._schedule.holding
+            return self.executor.waits > 0 or self._schedule.holding or (callable(wakes) and wakes())
 
         post = self.executor.post
         bundles = self._bundles if self.expects(topic) else None
         now = post
         if inline:
             now = self.executor.join_in if bundles else self.executor.run_inline
-        subscription = Subscription(topic, post, now, awaited, handler, depth, wakes=wakes)
+        subscription = Subscription(
+            topic, post, now, awaited, handler, depth, wakes=wakes is True, skips=skips
+        )
         self.executor.add_poller(subscription.poll)
         key = topic.key(self.vehicle)
         if bundles:
@@ -280,6 +283,10 @@ class Node:
     def is_first(self) -> bool:
         """Return whether this is the node of its process's first vehicle."""
         return self.reference_params is None
+
+    def retime(self) -> None:
+        """Read the rate of `every` again; safe to call from any thread."""
+        self.executor.retime()
 
     def params_changed(self) -> None:
         """Notify the service of new parameter values and update the rates that depend on them."""

@@ -60,7 +60,7 @@ class FakeNode:
     ) -> None:
         self.name, self.vehicle, self.restarted = name, vehicle, False
         self.log = logging.getLogger(f"script.{name}")
-        self.stopping, self.reference_params, self.single = False, None, True
+        self.stopping, self.reference_params, self.single, self.is_first = False, None, True, True
         self.on_params: Callable[[], None] | None = None
         self.in_force: Callable[[], dict[str, Any]] = dict
         self.published: list[Published] = []
@@ -107,6 +107,9 @@ class FakeNode:
         self._now = (boot, stamp)
         self._boots.add(boot)
         self._execute(held=True)
+
+    def retime(self) -> None:
+        """Do nothing: the list has its own times."""
 
     def post(self, item: Callable[[], None]) -> None:
         """Run a function at once: there is no loop."""
@@ -190,12 +193,12 @@ def _as_published(
 class FakePublisher:
     """Publisher that keeps its messages in a list."""
 
-    has_subscribers = True
+    has_subscribers, part = True, None
 
     def __init__(self, topic: str, published: list[Published]) -> None:
         self._topic, self._published = topic, published
 
-    def put(self, message: Struct) -> None:
+    def put(self, message: Struct, _rest: int = 0) -> None:
         """Keep a message."""
         self._published.append(Published(self._topic, message))
 
@@ -204,7 +207,7 @@ class FakeSubscription:
     """Subscription fed by `take`; `received` is the time of the last one, monotonic s."""
 
     def __init__(self, handler: Callable[[Any], None] | None) -> None:
-        self.value: Any = None
+        self.value = self.beats = None
         self.received = 0.0
         self._handler = handler
 
@@ -212,6 +215,9 @@ class FakeSubscription:
     def age(self) -> float:
         """Return the seconds since the newest message; infinite before the first."""
         return time.monotonic() - self.received if self.value is not None else float("inf")
+
+    def poll(self) -> None:
+        """Do nothing: messages do not wait."""
 
     def take(self, message: Any) -> None:
         """Receive a message."""

@@ -1,6 +1,7 @@
 """Process of safety: verifies every goal; the only process that publishes setpoints."""
 
 import time
+from collections.abc import Callable
 from functools import partial
 
 from msgspec.structs import replace
@@ -39,6 +40,7 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.airspace import airworthiness
 from quadctl.services.airspace.cage import bounds
+from quadctl.services.runtime.bus.pubsub import Beats
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
 from quadctl.services.runtime.executor import shared_lock
@@ -54,16 +56,53 @@ _REQUESTS = 10
 """Requested positions that may wait: each costs a verdict, and only the newest one counts."""
 _SOME_TICKS = 100
 """Ticks after which the others of a launch take off without a vehicle that has no pose."""
+_AT_REST = 1.0
+"""Ticks a second of a vehicle at rest among others."""
+_LATE = 0.15
+"""Time (s) without beats after which the vehicles at rest are looked after one by one again."""
 _LEAST_GAP = 2.01 / SETPOINT.hz
 """Shortest gap (s) between the newest poses at two ticks that means a lack of setpoints: with poses
 and ticks at the same rate, jitter of a millisecond can make it two periods."""
 
 
+class Delays:
+    """Delays of this process itself, and its vehicles at rest, by the beats that show that they are.
+
+    All its loops run on one thread: what holds up one holds up all.
+    """
+
+    def __init__(self) -> None:
+        self.ticked, self.resumed, self._held = time.monotonic(), 0.0, 0.0
+        """When a loop ticked last, and when after a delay (monotonic s); and how long (s) that was."""
+        self._resting: dict[Beats, dict[str, Callable[[], None]]] = {}
+
+    def tick(self, now: float) -> None:
+        """Record a tick of a loop at a time, monotonic s."""
+        if now - self.ticked > 2 / SETPOINT.hz:
+            self.resumed, self._held = now, now - self.ticked
+        self.ticked = now
+
+    def since(self, seen: float) -> float:
+        """Return for how long (s) the process was held up after a time (monotonic s), if it was."""
+        return self._held if self.resumed > seen else 0.0
+
+    def rest(self, vehicle: str, beats: Beats, wake: Callable[[], None]) -> None:
+        """Have a vehicle at rest woken when its beats stop."""
+        self._resting.setdefault(beats, {})[vehicle] = wake
+
+    def rouse(self, now: float) -> None:
+        """Wake the vehicles whose beats have stopped, if this process was not held up itself."""
+        for beats in [each for each in self._resting if now - each.received > _LATE]:
+            if now - self.resumed > _LATE:
+                for wake in self._resting.pop(beats).values():
+                    wake()
+
+
 class Safety:
     """Handlers of messages, calls and ticks."""
 
-    def __init__(self, node: Node, params: Params, traffic: Traffic) -> None:
-        self._node, self._params, self._traffic = node, params, traffic
+    def __init__(self, node: Node, params: Params, traffic: Traffic, delays: Delays) -> None:
+        self._node, self._params, self._traffic, self._delays = node, params, traffic, delays
         self._is_stepped = params.dynamics.in_lockstep
         """True in lock-step: silence then stops the clock, not the flight."""
         self._states = node.publisher(STATE)
@@ -76,10 +115,9 @@ class Safety:
         if not (node.single or self._is_stepped):
             traffic.expect(node.vehicle)
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
-        self._ticked, self._resumed, self._stall = time.monotonic(), 0.0, 0.0
-        self._held, self._last_tick, self._count = 0.0, 0.0, 0
+        self._count, self._rests = 0, False
         self._newest, self._deciding = self.monitor.pose, False
-        self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True)
+        self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True, skips=True)
         node.listen(REQUEST, self._on_waypoint, _REQUESTS, inline=True)
         node.on_params = self._on_params
         # Body, limits, wind, and patience for setpoints.
@@ -94,6 +132,7 @@ class Safety:
         self.monitor.resize()
 
     def _judge_vehicle(self) -> None:
+        self._poses.poll()
         params = self._params.dynamics
         vehicle = params.vehicle, params.control, params.wind
         self.monitor.set_vehicle(*vehicle)
@@ -122,40 +161,58 @@ class Safety:
         if (near.near and near.name) != (before.near and before.name):
             self.publish()
 
+    def tick_rate(self) -> float:
+        """Return the rate of the next ticks, Hz."""
+        return _AT_REST if self._rests else SETPOINT.hz
+
     def tick(self, now: float) -> None:
         """Watch the silences, and publish the state once a second."""
-        held_up, self._last_tick = now - self._last_tick > 2 / SETPOINT.hz, now
-        self.watch(held_up=held_up)
+        self._delays.tick(now)
+        if beats := self._poses.beats:
+            self._seen = beats.received
+        self.watch()
         if self._traffic.begins and (self.monitor.fresh or self._count > _SOME_TICKS):
             self._traffic.attend(self._node.vehicle)
         if self.monitor.takes_off and self._traffic.may_take_off(now):
             self.monitor.take_off()
-        if self._count % SETPOINT.hz == 0:
+        if self._rests or self._count % SETPOINT.hz == 0:
             self.publish()
         self._count += 1
+        if self._node.is_first:
+            # It watches over the poses of all, and never rests itself.
+            self._delays.rouse(now)
+        else:
+            self._rest()
 
-    def watch(self, *, held_up: bool) -> None:
+    def _rest(self) -> None:
+        """Tick once a second while the vehicle repeats a pose that changes nothing, until something else happens."""
+        beats = self._poses.beats
+        waits = self.monitor.takes_off or self._traffic.begins or not self.monitor.is_quiet
+        self._rests = beats is not None and not waits
+        if beats and self._rests:
+            self._delays.rest(self._node.vehicle, beats, self._wake)
+
+    def _wake(self) -> None:
+        if self._rests:
+            self._rests = False
+            self._node.retime()
+
+    def watch(self) -> None:
         """Stop the flight if poses or setpoints are missing; in lock-step the clock waits instead.
 
-        After a delay of this loop itself (`held_up`), the poses on their way to it count first.
+        After a delay of this process itself, the poses on their way to it count first.
         """
-        now = time.monotonic()
-        if held_up:
-            self._resumed, self._held = now, now - self._ticked
-        self._stall, self._ticked = now - self._ticked, now
         if self._is_stepped:
             return
-        just_resumed = now - self._resumed <= self._params.safety.pose_timeout
+        now = time.monotonic()
+        just_resumed = now - self._delays.resumed <= self._params.safety.pose_timeout
         age = None if just_resumed else now - self._seen - _UNSEEN
         gap = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
-        if self.monitor.watch(self._newest, age, gap, self._held_since(self._seen)):
+        if self.monitor.watch(self._newest, age, gap, self._delays.since(self._seen)):
             self._send_setpoint()
 
-    def _held_since(self, seen: float) -> float:
-        """Return for how long (s) this loop was held up after a time (monotonic s), if it was."""
-        return self._held if self._resumed > seen else 0.0
-
     def _on_state(self, state: SafetyState, line: str) -> None:
+        self._wake()
         self._states.put(state)
         if line:
             self._node.log.info(line)
@@ -190,10 +247,12 @@ class Safety:
             # A repeated pose is no news of the vehicle.
             self._newest, before = pose, self._seen
             self._seen = self._poses.received
-            silence = self._seen - before - _UNSEEN if before and not self._is_stepped else 0.0
+            # At rest, the process's first vehicle looks out for silences.
+            known = not (self._is_stepped or self._rests) and before
+            silence = self._seen - before - _UNSEEN if known else 0.0
             if silence > self._params.safety.pose_timeout:
-                # This loop's own delay: up to now, up to its last tick, or earlier in the silence.
-                own = max(time.monotonic() - self._ticked, self._stall, self._held_since(before))
+                # Its own delay: up to now, or earlier in the silence.
+                own = max(time.monotonic() - self._delays.ticked, self._delays.since(before))
                 self.monitor.silent(silence, own)
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
@@ -210,8 +269,11 @@ class Safety:
         self._send_setpoint()
         if news:
             self._warn()
+        if not self._poses.beats:
+            self._wake()
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
+        self._poses.poll()
         self.monitor.goto(Position(waypoint.x, waypoint.y, waypoint.z))
 
     def _goto(self, request: GotoRequest) -> GotoResponse:
@@ -241,19 +303,19 @@ class Safety:
         return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
 
-def run(node: Node, params: Params, shared: Traffic | None = None) -> None:
+def run(node: Node, params: Params, shared: tuple[Traffic, Delays] | None = None) -> None:
     """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
-    traffic = shared or Traffic()
+    traffic, delays = shared or (Traffic(), Delays())
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
-    safety = Safety(node, params, traffic)
+    safety = Safety(node, params, traffic, delays)
     there = node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE)
     if not there and not node.expects(POSE_SLOW):
         safety.listen_to_all_poses()
     safety.serve()
-    node.every(SETPOINT.hz, safety.tick)
+    node.every(safety.tick_rate, safety.tick)
 
 
 def _log_launch(node: Node, params: Params) -> None:
@@ -271,4 +333,4 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("safety", partial(run, shared=Traffic(shared_lock())), keeps_time=True)
+    start("safety", partial(run, shared=(Traffic(shared_lock()), Delays())), keeps_time=True)

@@ -87,7 +87,7 @@ class TrackingMonitor:
         its timeout (s) the vehicle had to stand still.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
-        gap = pose.stamp - self.stamp if same else 0.0
+        gap = pose.stamp - self.stamp if same and moving else 0.0
         self._boot, self.stamp, self._goal = pose.boot, pose.stamp, goal
         if not (same and moving and at_rest(pose)):
             self._still_since = None
@@ -167,7 +167,7 @@ class Monitor:
             return False
         before = self.situation
         same = pose.boot == before.boot
-        repeats = same and _is_same_motion(pose, self.pose) and self._is_quiet()
+        repeats = same and _is_same_motion(pose, self.pose) and self._find_quiet()
         self._last, self.pose, self.fresh = self.pose if same else pose, pose, True
         if repeats:
             return False
@@ -185,7 +185,12 @@ class Monitor:
         self._quiet = None if self.situation is before and not self.held else False
         return True
 
-    def _is_quiet(self) -> bool:
+    @property
+    def is_quiet(self) -> bool:
+        """Return whether it is known that a pose like the newest one changes nothing."""
+        return self._quiet is True
+
+    def _find_quiet(self) -> bool:
         if self._quiet is None:
             self._quiet = is_quiet(self.situation, self.world())
         return self._quiet

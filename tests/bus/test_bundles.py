@@ -33,8 +33,9 @@ def fly_all(lab: Lab, height: float) -> None:
         assert (done.code, done.json["arrived"]) == (0, True), done.err
 
 
-def is_full(bundle: list[tuple[str, dict[str, object]]]) -> bool:
-    return sorted(vehicle for vehicle, _ in bundle) == VEHICLES
+def is_full(bundle: tuple[int, int, list[tuple[str, dict[str, object], int]]]) -> bool:
+    _process, _beats, parts = bundle
+    return sorted(vehicle for vehicle, *_ in parts) == VEHICLES
 
 
 @pytest.mark.parametrize("key", [BUNDLE, ANSWERS])
@@ -97,8 +98,8 @@ def test_garbage_in_place_of_a_bundle_changes_nothing(fleet: Lab):
             bare.session.put(ANSWERS, junk)
         # What follows a part that is no pose is read all the same.
         [pose] = bare.watch("uav2/pose/slow").next()
-        late = ["uav2", pose | {"boot": "another"}]
-        bare.session.put(BUNDLE, msgspec.msgpack.encode([["uav1", {"x": 1}], late]))
+        late = "uav2", pose | {"boot": "another"}, 0
+        bare.session.put(BUNDLE, msgspec.msgpack.encode((7, 1, [("uav1", {"x": 1}, 0), late])))
         bare.watch("uav2/safety/state").until(lambda state: state["boot"] == "another")
     eventually(lambda: "ignored a message on pose/slow" in fleet.log("safety"))
     fleet.put_back()

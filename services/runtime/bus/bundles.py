@@ -3,9 +3,15 @@
 A message for each vehicle wakes each process on its way once for each; a hundred parts of one message
 wake it once. Only the processes of a run take bundles: their keys begin with the run's first vehicle and
 the chunk `@all`, which wildcards do not match and which is no role's. Others subscribe to the topics.
+
+A bundle has the number of its process, the beats that this has counted, and messages. With a message of a
+vehicle at rest comes a step: at each further beat the vehicle repeats it, with a number so much higher. So
+one that rests costs nothing, neither its own process nor others, and a beat shows that all still rest.
 """
 
 import logging
+import os
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection
@@ -14,17 +20,23 @@ from typing import Any
 
 import zenoh
 from msgspec import Raw, Struct, msgpack
+from msgspec.structs import replace
 
+from quadctl.schemas.messages import Pose
 from quadctl.schemas.topics import POSE_SLOW, SETPOINT, Topic
 from quadctl.services.runtime.bus import codec, zenoh_events
-from quadctl.services.runtime.bus.pubsub import Subscription
+from quadctl.services.runtime.bus.pubsub import Beats, Subscription
 from quadctl.services.runtime.executor import Outbox
 
 _BUNDLED = (POSE_SLOW, SETPOINT)
 _MOST = 128
 """Messages of a bundle, some 30 kB: Zenoh sends more than 64 kB in pieces."""
+_UNREAD = 1_000
+"""Bundles that may wait for a loop."""
+_DIGITS = 3
+"""Digits of a stamp (s) after the point: it counts steps of 1 ms."""
 _log = logging.getLogger(__name__)
-_parts = msgpack.Decoder(list[tuple[str, Raw]])
+_undecoded = msgpack.Decoder(tuple[int, int, list[tuple[str, Raw, int]]])
 
 
 class Bundle:
@@ -36,18 +48,122 @@ class Bundle:
             key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
         )
         self._matches = zenoh_events.MatchingListener(self._publisher)
-        self._waiting: deque[tuple[str, Struct]] = deque()
-        self._outbox = outbox
+        self._waiting: deque[tuple[str, Struct, int]] = deque()
+        self._outbox, self._process = outbox, int.from_bytes(os.urandom(4))
+        self.beats, self._sent = 0, 0
+        """Beats of the process, and those that were sent."""
 
-    def add(self, vehicle: str, message: Struct) -> None:
+    def add(self, vehicle: str, message: Struct, rest: int) -> None:
         """Add a vehicle's message, if there is a process to take it; safe to call from any thread."""
         if self._matches.was_there:
-            self._waiting.append((vehicle, message))
+            self._waiting.append((vehicle, message, rest))
             self._outbox.add(self._send)
 
+    def beat(self) -> None:
+        """Count a beat: each vehicle at rest repeats its message."""
+        self.beats += 1
+        self._outbox.add(self._send)
+
     def _send(self) -> None:
-        while count := min(len(self._waiting), _MOST):
-            self._publisher.put(codec.encode([self._waiting.popleft() for _ in range(count)]))
+        while self._waiting or self._sent != self.beats:
+            count, self._sent = min(len(self._waiting), _MOST), self.beats
+            some = [self._waiting.popleft() for _ in range(count)]
+            self._publisher.put(codec.encode((self._process, self._sent, some)))
+
+
+class Part:
+    """Vehicle's part of a bundle."""
+
+    def __init__(self, bundle: Bundle, vehicle: str) -> None:
+        self._bundle, self._vehicle = bundle, vehicle
+        self.beat = bundle.beat
+
+    def add(self, message: Struct, rest: int) -> None:
+        """Add a message, which with a `rest` above 0 the vehicle repeats from now on."""
+        self._bundle.add(self._vehicle, message, rest)
+
+    @property
+    def beats(self) -> int:
+        """Return how many beats the process has counted."""
+        return self._bundle.beats
+
+
+class _Inbox:
+    """Bundles of one topic on their way to the subscriptions of vehicles."""
+
+    def __init__(self, topic: Topic[Any], key: str, outbox: Outbox) -> None:
+        self._topic, self._key, self._outbox = topic, key, outbox
+        self._takers: dict[str, list[Subscription[Any]]] = {}
+        self._eager: list[Subscription[Any]] = []
+        self._unread: deque[tuple[float, bytes]] = deque(maxlen=_UNREAD)
+        self._reading = threading.RLock()  # what a message wakes may read on
+        self._beats: dict[int, Beats] = {}
+        type_: Any = topic.type
+        bundle: Any = tuple[int, int, list[tuple[str, type_, int]]]
+        self._decoder: Any = codec.decoder(bundle)
+
+    def add(self, vehicle: str, subscription: Subscription[Any]) -> Callable[[], None]:
+        """Pass a vehicle's messages on to a subscription, until the result is called."""
+        takers = self._takers.setdefault(vehicle, [])
+        takers.append(subscription)
+        if not subscription.skips:
+            self._eager.append(subscription)
+        subscription.pull = self.read
+        return partial(self._remove, takers, subscription)
+
+    def _remove(self, takers: list[Subscription[Any]], subscription: Subscription[Any]) -> None:
+        takers.remove(subscription)
+        if subscription in self._eager:
+            self._eager.remove(subscription)
+
+    def on_bundle(self, sample: zenoh.Sample) -> None:
+        """Take a bundle, on a Zenoh thread; one that no loop waits for is read later, with others."""
+        zenoh_events.pin_thread_state()
+        self._unread.append((time.monotonic(), sample.payload.to_bytes()))
+        if any(each.is_awaited for some in tuple(self._takers.values()) for each in some):
+            self.read()
+            # Answers to all of them go out together.
+            self._outbox.flush()
+
+    def read(self) -> None:
+        """Pass on what has come."""
+        if self._unread:
+            # Two threads that took turns would mix the messages up.
+            with self._reading:
+                while self._unread:
+                    self._pass_on(*self._unread.popleft())
+
+    def _pass_on(self, now: float, payload: bytes) -> None:
+        encoding = ""
+        try:
+            process, count, parts = self._decoder.decode(payload)
+        except codec.UNREADABLE:
+            # One bad message must not cost the other vehicles theirs.
+            encoding = _encoding(self._topic)
+            try:
+                process, count, undecoded = _undecoded.decode(payload)
+                parts = [(vehicle, bytes(part), 0) for vehicle, part, _ in undecoded]
+            except codec.UNREADABLE as error:
+                _log.warning("ignored a message on %s: %s", self._key, error)
+                return
+        beats = self._beats.get(process) or self._beats.setdefault(process, Beats())
+        for vehicle, message, rest in parts:
+            for subscription in self._takers.get(vehicle, ()):
+                if rest:
+                    subscription.take_rest(now, message, beats, count, partial(_later, rest))
+                else:
+                    subscription.take(now, message, encoding)
+        beats.received = now
+        if count != beats.count:
+            beats.count = count
+            for subscription in self._eager.copy():
+                subscription.take_beat()
+
+
+def _later(step: int, pose: Pose, periods: int) -> Pose:
+    """Return a pose as it is some periods later, at rest."""
+    stamp = round(pose.stamp + periods / POSE_SLOW.hz, _DIGITS)
+    return replace(pose, seq=pose.seq + periods * step, stamp=stamp)
 
 
 class Bundles:
@@ -60,58 +176,34 @@ class Bundles:
         self._session, self._lead = session, lead
         self._senders, self._outbox = senders, outbox
         self._out: dict[str, Bundle] = {}
-        self._in: dict[str, dict[str, list[Subscription[Any]]]] = {}
+        self._in: dict[str, _Inbox] = {}
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     def has(self, topic: Topic[Any]) -> bool:
         """Return whether the topic's messages come in bundles."""
         return topic in _BUNDLED and topic.node in self._senders
 
-    def out(self, topic: Topic[Any], vehicle: str) -> Callable[[Struct], None] | None:
-        """Return a function that sends a vehicle's message of a topic; None if that goes in no bundle."""
+    def out(self, topic: Topic[Any], vehicle: str) -> "Part | None":
+        """Return a vehicle's part of the bundle that a topic's messages go out in, None if they go in none."""
         if topic not in _BUNDLED:
             return None
         if topic.name not in self._out:
             encoding = _encoding(topic)
             self._out[topic.name] = Bundle(self._session, self._key(topic), encoding, self._outbox)
-        return partial(self._out[topic.name].add, vehicle)
+        return Part(self._out[topic.name], vehicle)
 
     def subscribe(
         self, topic: Topic[Any], vehicle: str, subscription: Subscription[Any]
     ) -> Callable[[], None]:
         """Pass a vehicle's messages of a topic on to a subscription, until the result is called."""
         if topic.name not in self._in:
-            self._in[topic.name] = {}
-            callback = zenoh.handlers.Callback(partial(self._on_bundle, topic), indirect=False)
+            self._in[topic.name] = inbox = _Inbox(topic, self._key(topic), self._outbox)
+            callback = zenoh.handlers.Callback(inbox.on_bundle, indirect=False)
             self._subscribers.append(self._session.declare_subscriber(self._key(topic), callback))
-        takers = self._in[topic.name].setdefault(vehicle, [])
-        takers.append(subscription)
-        return partial(takers.remove, subscription)
+        return self._in[topic.name].add(vehicle, subscription)
 
     def _key(self, topic: Topic[Any]) -> str:
         return f"{self._lead}/@all/{topic.name}"
-
-    def _on_bundle(self, topic: Topic[Any], sample: zenoh.Sample) -> None:
-        zenoh_events.pin_thread_state()
-        now, takers, payload = time.monotonic(), self._in[topic.name], sample.payload.to_bytes()
-        type_: Any = topic.type
-        bundle: Any = list[tuple[str, type_]]
-        encoding = ""
-        try:
-            parts: list[tuple[str, Any]] = codec.decoder(bundle).decode(payload)
-        except codec.UNREADABLE:
-            # One bad message must not cost the other vehicles theirs.
-            encoding = _encoding(topic)
-            try:
-                parts = [(vehicle, bytes(part)) for vehicle, part in _parts.decode(payload)]
-            except codec.UNREADABLE as error:
-                _log.warning("ignored a message on %s: %s", self._key(topic), error)
-                return
-        for vehicle, message in parts:
-            for subscription in takers.get(vehicle, ()):
-                subscription.take(now, message, encoding)
-        # Answers to all of them go out together.
-        self._outbox.flush()
 
 
 def _encoding(topic: Topic[Any]) -> str:

@@ -1,11 +1,12 @@
 """Node side of a topic: Publisher and Subscription."""
 
 import logging
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import zenoh
 from msgspec import Struct
@@ -18,11 +19,25 @@ from quadctl.services.runtime.typed import require
 M = TypeVar("M", bound=Struct)
 
 
+class Part(Protocol):
+    """Vehicle's part of a bundle."""
+
+    beat: Callable[[], None]
+    """Counts a beat of the process."""
+
+    def add(self, message: Struct, rest: int) -> None:
+        """Add a message, which with a `rest` above 0 the vehicle repeats from now on."""
+
+    @property
+    def beats(self) -> int:
+        """Return how many beats the process has counted."""
+
+
 class Publisher(Generic[M]):
     """Publisher of one topic; a latched one also answers `get` with the last message.
 
     A subscriber without room loses the message; with `waits`, `put` blocks for it, 1 s at most.
-    `defer`, if any, sends a message later. What goes out by `bundle` goes out alone, too, only while somebody subscribes.
+    `defer`, if any, sends a message later. What is `part` of a bundle goes out alone, too, only while somebody subscribes.
     `on_match` is called, on a Zenoh thread, when subscribers come or all have gone.
     """
 
@@ -34,7 +49,7 @@ class Publisher(Generic[M]):
         *,
         waits: bool = False,
         defer: Callable[[Callable[[], None]], None] | None = None,
-        bundle: Callable[[M], None] | None = None,
+        part: Part | None = None,
         on_match: Callable[[], None] = lambda: None,
     ) -> None:
         self._key, self._type = key, topic.type
@@ -45,7 +60,7 @@ class Publisher(Generic[M]):
             encoding=self._encoding,
             congestion_control=control.BLOCK if waits else control.DROP,
         )
-        self._defer, self._bundle = defer, bundle
+        self._defer, self.part = defer, part
         self._matches = zenoh_events.MatchingListener(self._publisher, on_match)
         self._last = b""
 
@@ -59,12 +74,16 @@ class Publisher(Generic[M]):
         """Return whether the hub has reported a subscriber."""
         return self._matches.was_there
 
-    def put(self, message: M) -> None:
-        """Publish a message; numbers must be Python's own, not numpy's, else it raises Invalid."""
+    def put(self, message: M, rest: int = 0) -> None:
+        """Publish a message; numbers must be Python's own, not numpy's, else it raises Invalid.
+
+        `rest`, in a bundle: until its next message, the vehicle repeats this one, with a number that
+        grows by so much a period. It counts the bundle's beats, and need not send them.
+        """
         if not isinstance(message, self._type):
             require(message, self._type, f"{self._type.__name__}(...)")
-        if self._bundle is not None:
-            self._bundle(message)
+        if self.part is not None:
+            self.part.add(message, rest)
             if not self.has_subscribers:
                 return
         try:
@@ -94,6 +113,24 @@ _NEWEST = 64
 """Messages kept without a handler, which needs only the newest readable one."""
 
 _log = logging.getLogger(__name__)
+_counting = threading.Lock()
+
+
+class Beats:
+    """Periods that a process counts for its vehicles at rest, and when it sent anything last, monotonic s."""
+
+    __slots__ = ("count", "received")
+
+    def __init__(self) -> None:
+        self.count, self.received = 0, 0.0
+
+
+Again = Callable[[Any, int], Any]
+"""Returns a message as it is so many periods later."""
+
+
+def _unchanged(message: Any, _periods: int) -> Any:
+    return message
 
 
 class Subscription(Generic[M]):
@@ -103,7 +140,8 @@ class Subscription(Generic[M]):
     Up to `depth` messages wait for the handler; beyond, the oldest are dropped, which is logged once,
     with their number, when there is room again. Unless the topic
     `wakes` the loop, or it has `awaited` a message, the handler runs at the next call or tick.
-    Without a handler the newest message is decoded on access.
+    Without a handler the newest message is decoded on access. If it `skips`, the messages that a vehicle
+    at rest repeats are taken as one, before the next call, tick or other message.
     """
 
     def __init__(
@@ -116,6 +154,7 @@ class Subscription(Generic[M]):
         depth: int,
         *,
         wakes: bool,
+        skips: bool = False,
     ) -> None:
         self._value: M | None = None
         self._received = 0.0
@@ -126,6 +165,13 @@ class Subscription(Generic[M]):
         self._posted = False
         self._since, self._count, self._flood = 0.0, 0, False
         self._wakes = wakes and handler is not None
+        self.skips = skips
+        self.pull: Callable[[], None] | None = None
+        """Takes what has come and was not taken yet."""
+        self.beats: Beats | None = None
+        """Count of the periods for which the newest message holds, None if it is not repeated."""
+        self._counted, self._resting = 0, cast("M", None)
+        self._again: Again = _unchanged
         self._complaint = ""
         self._dropped, self._drops_logged = 0, False
         self._ours = codec.encoding(topic.type)
@@ -163,17 +209,56 @@ class Subscription(Generic[M]):
 
         A message that is decoded already has no encoding.
         """
-        waiting = self._waiting
-        if len(waiting) == self._depth:
-            self._dropped += 1
-        waiting.append((now, payload, encoding))
+        if self.beats is not None:
+            self._sum_up()
+            self.beats = None
+        self._queue(now, payload, encoding)
         self._count += 1
         if (passed := now - self._since) > _WINDOW:
             self._flood = self._count > _FLOOD * passed
             self._since, self._count = now, 0
-        if not self._posted and (self._wakes or self._awaited()):
+        self._wake()
+
+    def take_rest(self, now: float, message: M, beats: Beats, count: int, again: Again) -> None:
+        """Take a message of a beat, by its count, which the vehicle repeats at each further one.
+
+        If messages are skipped, the newest beat does not count yet: the vehicle may have moved at it.
+        """
+        self._sum_up()
+        with _counting:
+            self.beats, self._counted = beats, count + self.skips
+            self._resting, self._again = message, again
+        self._queue(now, message, "")
+        self._wake()
+
+    def take_beat(self) -> None:
+        """Queue what the newest beat repeats, if anything, as a message of its own."""
+        if self.beats is not None:
+            self._sum_up()
+            self._wake()
+
+    def _sum_up(self) -> None:
+        with _counting:
+            beats = self.beats
+            if beats is not None and (times := beats.count - self._counted) > 0:
+                self._counted = beats.count
+                self._resting = self._again(self._resting, times)
+                self._queue(beats.received, self._resting, "")
+
+    def _queue(self, now: float, payload: bytes | M, encoding: str) -> None:
+        if len(self._waiting) == self._depth:
+            self._dropped += 1
+        self._waiting.append((now, payload, encoding))
+
+    def _wake(self) -> None:
+        if not self._posted and self.is_awaited:
             self._posted = True
             (self._post if self._flood else self._run_inline)(self.poll)
+
+    @property
+    def is_awaited(self) -> bool:
+        """Return whether a message is to wake the loop."""
+        return self._wakes or self._awaited()
 
     def on_latched(self, sample: zenoh.Sample) -> None:
         """Queue the last message of a latched topic; one that came before is as new."""
@@ -183,6 +268,7 @@ class Subscription(Generic[M]):
     def poll(self) -> None:
         """Pass the messages waiting now to the handler, not later ones: a flood must not block."""
         self._posted = False
+        self._catch_up()
         if self._handler is None:
             return
         count = len(self._waiting)
@@ -219,7 +305,15 @@ class Subscription(Generic[M]):
         time.sleep(_GATHER)
         self.poll()
 
+    def _catch_up(self) -> None:
+        if self.pull is not None:
+            self.pull()
+        if self.beats is not None:
+            self._sum_up()
+
     def _look(self) -> None:
+        if self._handler is None:
+            self._catch_up()
         if self._handler is None and self._waiting:
             # Zenoh's thread appends at the same time, and may push out the oldest.
             arrived = [self._waiting.popleft() for _ in range(len(self._waiting))]

@@ -128,9 +128,7 @@ class Simulation:
         self._all_poses = node.publisher(POSES) if self._in_lockstep else None
         self._poses_per_tick, self._last_tick = 1, 0.0
         # Setpoints take effect at the next pose, so they need not wake the node before it.
-        self._setpoints = node.listen(
-            SETPOINT, self._on_setpoint, wakes=lambda: self._rest > 0
-        )
+        self._setpoints = node.listen(SETPOINT, self._on_setpoint, wakes=lambda: self._rest > 0)
         self._arrived: deque[tuple[float, Setpoint]] = deque()
         if self._part:
             node.executor.add_poller(self._pass_rest)

@@ -181,7 +181,9 @@ class Rhythm:
             self._poses = self._listen()
 
     def _listen(self) -> Subscription[Any]:
-        return self._node.listen(self._topic, self._on_poses, _DEPTH, wakes=self._lockstep, skips=True)
+        return self._node.listen(
+            self._topic, self._on_poses, _DEPTH, wakes=self._lockstep, skips=True
+        )
 
     def _now(self) -> float:
         """Return the time (s) of the last reading's clock."""

@@ -83,15 +83,11 @@ _LATE = 0.1
 """Lateness (s) beyond which a loop drops the ticks that it missed and does not catch up."""
 
 
-_DIGITS = 6
-"""Digits (s) of the times of ticks: those that are to be together must be equal."""
-
-
 class _Beat:
     """Times of ticks, counted and not added up, so that none is lost to rounding.
 
     A callable rate (Hz) is read at every tick and after `retime`; a new rate counts from the last tick.
-    With an `origin` (monotonic s), ticks of equal rates are at the same times.
+    With an `origin` (monotonic s), ticks of equal rates are at the same times, to the microsecond.
     """
 
     def __init__(self, hz: float | Callable[[], float], origin: float | None) -> None:
@@ -108,7 +104,7 @@ class _Beat:
 
     def _count_from(self, start: float, count: int) -> None:
         self._start, self._count = start, count
-        self.due = round(start + count / self._rate, _DIGITS)
+        self.due = round(start + count / self._rate, 6)
         """Time of the next tick, monotonic s."""
 
     def is_due(self, now: float) -> bool:
@@ -329,10 +325,8 @@ def _place(frame: FrameType | None) -> str:
 
 _TOGETHER = 128
 """Nodes that tick together at most: what comes meanwhile waits for all of them."""
-_APART = 1 / 160
-"""Time (s) between the ticks of one group and the next: in 50 ms, the ticks of eight groups."""
-_SLOTS = 20
-"""Parts of a second at which a group ticks; those that tick once a second share them out."""
+_APART, _SLOT = 1 / 160, 1 / 20
+"""Time (s) between the ticks of groups, eight in 50 ms; and between those of nodes that tick once a second."""
 
 
 class MultiNodeExecutor:
@@ -350,7 +344,7 @@ class MultiNodeExecutor:
         self._runnable: SimpleQueue[_GreenletQueue] = SimpleQueue()
         self._timers: list[tuple[float, int, _Timed]] = []
         self._numbers = count()
-        self._origin = round(time.monotonic(), _DIGITS)
+        self._origin = round(time.monotonic(), 6)
         self.outbox = Outbox()
 
     def new_executor(self) -> Executor:
@@ -358,9 +352,8 @@ class MultiNodeExecutor:
         if self._single:
             return Executor()
         queue = _GreenletQueue(self._runnable.put, self._sleep)
-        group, slot = len(self._queues) // _TOGETHER, len(self._queues) % _SLOTS
+        origin = self._origin + len(self._queues) // _TOGETHER * _APART - len(self._queues) * _SLOT
         self._queues.append(queue)
-        origin = self._origin + group * _APART - slot / _SLOTS
         return Executor(queue, origin, self.outbox, self._at)
 
     def add_node(self, loop: Executor, run: Callable[[], None]) -> None:

@@ -132,7 +132,7 @@ class Node:
         part = self._bundles.out(topic, self.vehicle) if together and self._bundles else None
         publisher = Publisher(
             self._session, key, topic, waits=self._lockstep, defer=defer, part=part,
-            on_match=self.executor.retime,
+            on_match=self._on_match,
         )  # fmt: skip
         if topic.latched:
             self._answer_queries(key, publisher.answer)
@@ -168,7 +168,9 @@ class Node:
             handler, depth = self._advancing(handler), _ALL
 
         def awaited() -> bool:
-            return self.executor.waits > 0 or self._schedule.holding or (callable(wakes) and wakes())
+            return (
+                self.executor.waits > 0 or self._schedule.holding or (callable(wakes) and wakes())
+            )
 
         post = self.executor.post
         bundles = self._bundles if self.expects(topic) else None
@@ -283,6 +285,11 @@ class Node:
     def is_first(self) -> bool:
         """Return whether this is the node of its process's first vehicle."""
         return self.reference_params is None
+
+    def _on_match(self) -> None:
+        # A rate may depend on whether anybody subscribes; in a large launch, all do at once.
+        if self._ready:
+            self.executor.retime()
 
     def retime(self) -> None:
         """Read the rate of `every` again; safe to call from any thread."""

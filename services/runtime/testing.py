@@ -207,7 +207,8 @@ class FakeSubscription:
     """Subscription fed by `take`; `received` is the time of the last one, monotonic s."""
 
     def __init__(self, handler: Callable[[Any], None] | None) -> None:
-        self.value = self.beats = None
+        self.value: Any = None
+        self.beats = None
         self.received = 0.0
         self._handler = handler
 

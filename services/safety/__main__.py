@@ -121,7 +121,7 @@ class Safety:
         node.listen(REQUEST, self._on_waypoint, _REQUESTS, inline=True)
         node.on_params = self._on_params
         # Body, limits, wind, and patience for setpoints.
-        follow(node, "dynamics", params, self._judge_vehicle, inline=True)
+        follow(node, "dynamics", params, self._on_vehicle, inline=True)
         self._judge_vehicle()
         self._zones.put(self.monitor.zones)
         self._near = NearestWall()
@@ -131,8 +131,11 @@ class Safety:
         self._zones.put(self.monitor.zones)
         self.monitor.resize()
 
-    def _judge_vehicle(self) -> None:
+    def _on_vehicle(self) -> None:
         self._poses.poll()
+        self._judge_vehicle()
+
+    def _judge_vehicle(self) -> None:
         params = self._params.dynamics
         vehicle = params.vehicle, params.control, params.wind
         self.monitor.set_vehicle(*vehicle)

@@ -3,12 +3,13 @@
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 
 import msgspec
 import pytest
 
 from tests.support.bare import Bare
-from tests.support.lab import NODES, PATIENT, Lab, private_lab
+from tests.support.lab import NODES, PATIENT, Lab, private_lab, sets
 from tests.support.running import eventually
 
 VEHICLES = ["uav0", "uav1", "uav2"]
@@ -20,7 +21,9 @@ ANSWERS = "uav0/@all/input/position"
 def fleet() -> Iterator[Lab]:
     """Three vehicles in the air."""
     with private_lab() as made:
-        made.share("--vehicles", 3, "--set", "dynamics.start.z=1", *PATIENT)
+        made.share(
+            "--vehicles", 3, *sets("dynamics.start.z=1", "supervise.answer_timeout=60"), *PATIENT
+        )
         yield made
 
 
@@ -44,6 +47,65 @@ def test_messages_of_all_vehicles_go_out_as_one(fleet: Lab, key: str):
         watch = bare.watch(key)
         for _ in range(3):  # a loop that is busy at a tick sends alone
             watch.until(is_full)
+
+
+def test_vehicles_at_rest_send_no_poses_and_their_time_goes_on(fleet: Lab):
+    with fleet.bare() as bare:
+        resting = bare.watch(BUNDLE).until(lambda bundle: len(bundle[2]) == 1)
+        assert resting[2][0][0] == "uav0"
+        states = bare.watch("uav1/safety/state").next(3)
+        stamps = [state["stamp"] for state in states]
+        assert stamps[-1] - stamps[0] == pytest.approx(2.0, abs=0.5)
+        # Whoever subscribes receives the true poses, in step with what safety has counted.
+        [pose] = bare.watch("uav1/pose/slow").next()
+        assert 0 <= pose["stamp"] - stamps[-1] < 5
+        assert pose["seq"] == round(pose["stamp"] * 100)
+
+
+def test_at_rest_the_barometer_still_has_a_seconds_readings(fleet: Lab):
+    eventually(lambda: calibrated(fleet) == 10)
+
+
+def calibrated(lab: Lab) -> int:
+    """Calibrate a vehicle's barometer, and return the number of readings that it took."""
+    assert lab.quadctl("calibrate", "--vehicle", "uav1").code == 0
+    with lab.bare() as bare:
+        [reading] = bare.watch("uav1/sensors/pressure").next()
+    return int(reading["samples"])
+
+
+def rest_all(lab: Lab, height: float) -> None:
+    """Fly each vehicle to a height, and wait until all rest but the first one."""
+    fly_all(lab, height)
+    with lab.bare() as bare:
+        bare.watch(BUNDLE).until(lambda bundle: len(bundle[2]) == 1)
+
+
+@pytest.mark.thorough
+def test_a_vehicle_at_rest_brakes_without_safety(fleet: Lab):
+    rest_all(fleet, 1.2)
+    before = fleet.log("dynamics").count("uav1: no setpoint for")
+    with frozen(fleet, "safety"):
+        eventually(lambda: fleet.log("dynamics").count("uav1: no setpoint for") > before)
+    fly_all(fleet, 1.3)
+
+
+@pytest.mark.thorough
+def test_no_goal_is_taken_for_a_vehicle_at_rest_that_sends_no_beats(fleet: Lab):
+    rest_all(fleet, 1.2)
+    goal = msgspec.msgpack.encode({"x": 0.0, "y": 0.0, "z": 1.5})
+    with fleet.bare() as bare, frozen(fleet, "dynamics"):
+        eventually(lambda: "no pose" in bare.query("uav1/@srv/goto", goal).value["reason"])
+    fly_all(fleet, 1.5)
+
+
+@contextmanager
+def frozen(lab: Lab, node: str) -> Iterator[None]:
+    lab.signal(node, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        lab.signal(node, signal.SIGCONT)
 
 
 def test_a_late_subscriber_receives_a_vehicles_own_topics_while_it_listens(fleet: Lab):

@@ -6,8 +6,7 @@ from typing import Any, cast
 
 import pytest
 import zenoh
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from msgspec.structs import replace
 
 from quadctl.schemas.messages import Pose
@@ -123,7 +122,11 @@ def test_each_pose_that_is_passed_on_is_one_that_its_vehicle_had(
         assert all(each in had for each in got)
         assert got == sorted(got, key=lambda each: each.stamp)
         # What was not repeated is never skipped.
-        changed = {each.seq for each, before in zip(had[1:], had, strict=False) if each.position != before.position}
+        changed = {
+            each.seq
+            for each, before in zip(had[1:], had, strict=False)
+            if each.position != before.position
+        }
         assert changed <= {each.seq for each in got}
 
 

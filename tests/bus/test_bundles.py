@@ -27,10 +27,18 @@ def fleet() -> Iterator[Lab]:
         yield made
 
 
+def place_of(lab: Lab, vehicle: str) -> dict[str, float]:
+    """Return where a vehicle is, m."""
+    place: dict[str, float] = lab.quadctl("state", "--vehicle", vehicle, "--json").json["pose"][
+        "position"
+    ]
+    return place
+
+
 def fly_all(lab: Lab, height: float) -> None:
     """Assert that each vehicle flies to a height above its place."""
     for vehicle in VEHICLES:
-        place = lab.quadctl("state", "--vehicle", vehicle, "--json").json["pose"]["position"]
+        place = place_of(lab, vehicle)
         goal = place["x"], place["y"], height
         done = lab.quadctl("goto", *goal, "--vehicle", vehicle, "--json")
         assert (done.code, done.json["arrived"]) == (0, True), done.err
@@ -43,9 +51,13 @@ def is_full(bundle: tuple[int, int, list[tuple[str, dict[str, object], int]]]) -
 
 @pytest.mark.parametrize("key", [BUNDLE, ANSWERS])
 def test_messages_of_all_vehicles_go_out_as_one(fleet: Lab, key: str):
+    places = {vehicle: place_of(fleet, vehicle) for vehicle in VEHICLES}
     with fleet.bare() as bare:
         watch = bare.watch(key)
-        for _ in range(3):  # a loop that is busy at a tick sends alone
+        for height in (1.2, 1.7, 1.2):  # a loop that is busy at a tick sends alone
+            for vehicle, place in places.items():
+                goal = msgspec.msgpack.encode(place | {"z": height, "replace": True})
+                assert bare.query(f"{vehicle}/@srv/goto", goal).value["accepted"]
             watch.until(is_full)
 
 

@@ -15,7 +15,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.services import CalibrateRequest, CalibrateResponse
 from quadctl.schemas.topics import CALIBRATE, POSE, POSE_SLOW, POSES, PRESSURE, Topic, period
 from quadctl.services.pressure import iio
-from quadctl.services.pressure.barometer import AVERAGED, Barometer, NoSample, SensorFaults
+from quadctl.services.pressure.barometer import Barometer, NoSample, SensorFaults
 from quadctl.services.pressure.iio import has_pressure, hectopascals
 from quadctl.services.pressure.simulated import Simulated
 from quadctl.services.runtime.bus.pubsub import Subscription
@@ -201,7 +201,7 @@ class Rhythm:
             return
         clock = pose.stamp if self._lockstep else self._poses.received
         is_later = not self._lockstep and before[1] == rate and before[0] >= 0
-        missed = min(now - before[0] - 1, int(rate * AVERAGED)) if is_later else 0
+        missed = min(now - before[0] - 1, int(2 * rate / _CATCH_UP)) if is_later else 0
         for behind in range(missed, -1, -1):
             ago = behind / rate
             self._output.read(clock - ago, replace(pose, stamp=pose.stamp - ago) if ago else pose)

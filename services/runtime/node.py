@@ -156,8 +156,10 @@ class Node:
     ) -> Subscription[M]:
         """Subscribe to a topic; the handler, if any, runs on the node's loop.
 
-        Of a latched topic its last message comes as well, if no newer one does. With `inline` it may run earlier, on a Zenoh thread, and must not block. A topic that does
-        not wake the loop is handled at its next call or tick. In a node that follows simulated
+        Of a latched topic its last message comes as well, if no newer one does. With `inline` the handler may
+        run earlier, on a Zenoh thread, and must not block. A topic that does not wake the loop, or not while
+        `wakes()` is False, is handled at its next call or tick. If it `skips`, the poses that a vehicle at rest
+        repeats come as one, then or before another one. In a node that follows simulated
         time, it advances to each pose before the pose's handler runs.
         """
         require(topic, Topic, "POSE_SLOW of quadctl.schemas.topics")

@@ -191,8 +191,10 @@ class Safety:
         """Tick once a second while the vehicle repeats a pose that changes nothing, until something else happens."""
         beats = self._poses.beats
         waits = self.monitor.takes_off or self._traffic.begins or not self.monitor.is_quiet
-        self._rests = beats is not None and not waits
-        if beats and self._rests:
+        if beats is None or waits:
+            self._wake()
+        else:
+            self._rests = True
             self._delays.rest(self._node.vehicle, beats, self._wake)
 
     def _wake(self) -> None:

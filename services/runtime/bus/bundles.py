@@ -146,14 +146,14 @@ class _Inbox:
             except codec.UNREADABLE as error:
                 _log.warning("ignored a message on %s: %s", self._key, error)
                 return
-        beats = self._beats.get(process) or self._beats.setdefault(process, Beats())
+        beats = self._beats.setdefault(process, Beats())
+        beats.received = now
         for vehicle, message, rest in parts:
             for subscription in self._takers.get(vehicle, ()):
                 if rest:
                     subscription.take_rest(now, message, beats, count, partial(_later, rest))
                 else:
                     subscription.take(now, message, encoding)
-        beats.received = now
         if count != beats.count:
             beats.count = count
             for subscription in self._eager.copy():

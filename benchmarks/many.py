@@ -23,6 +23,8 @@ from quadctl.services.dynamics.compiler import have_made
 
 _HZ, _LEAST_HZ = 20, 19
 _SETTLED = 5.0
+_RESTED = 12.0
+"""Seconds after a launch until the vehicles rest at their places."""
 _LEG_SECONDS = 2.5
 _AWAY = ((1.0, 0.0, 1.0), (1.0, 1.0, 1.5), (0.0, 1.0, 1.0), (0.0, 0.0, 2.0))
 """Goals (m), relative to the start of a vehicle."""
@@ -47,7 +49,7 @@ def measure(results: Results, effort: Effort) -> None:
     have_made()
     for count in _COUNTS:
         with running(*_words(count)) as where, opened(where.endpoint) as session:
-            time.sleep(_SETTLED)
+            time.sleep(_RESTED)
             hovering = _busy(where, effort.seconds)
             share, _ = flying(where, session, _names(count), effort.seconds, _FEW)
             if count == 100:

@@ -93,7 +93,7 @@ class Output:
             self._logged = kind
             self._log.warning("fault: %s", self._logged)
 
-    def read(self, now: float, pose: Pose | None) -> None:
+    def read(self, now: float, pose: Pose | None, *, publishes: bool = True) -> None:
         """Take a reading and publish it. `pose` is the newest; `now` the clock's time, s."""
         raw = self._sense(pose)
         if raw is None:
@@ -102,7 +102,9 @@ class Output:
         stamp = now - self._begun if pose is None else pose.stamp
         given = self._faults.through(stamp, raw)
         if given is not None:
-            self._readings.put(self._barometer.take(now, stamp, given))
+            reading = self._barometer.take(now, stamp, given)
+            if publishes:
+                self._readings.put(reading)
 
     def _calibrate(self, request: CalibrateRequest) -> CalibrateResponse:
         try:
@@ -204,7 +206,9 @@ class Rhythm:
         missed = min(now - before[0] - 1, int(2 * rate / _CATCH_UP)) if is_later else 0
         for behind in range(missed, -1, -1):
             ago = behind / rate
-            self._output.read(clock - ago, replace(pose, stamp=pose.stamp - ago) if ago else pose)
+            then = replace(pose, stamp=pose.stamp - ago) if ago else pose
+            # In real time nobody subscribes, or somebody does since: then this one is too late.
+            self._output.read(clock - ago, then, publishes=self._lockstep)
 
     def _on_pose(self, pose: Pose) -> None:
         self._pose = pose

@@ -182,6 +182,7 @@ class Node:
         subscription = Subscription(
             topic, post, now, awaited, handler, depth, wakes=wakes is True, skips=skips
         )
+        subscription.may_wake = bool(wakes)
         self.executor.add_poller(subscription.poll)
         key = topic.key(self.vehicle)
         if bundles:
@@ -421,7 +422,13 @@ class Node:
         its condition true each time, and answer no call.
         """
         self.executor.serve_waiting()
-        return self.executor.wait_for(condition, timeout)
+        if self._bundles is None:
+            return self.executor.wait_for(condition, timeout)
+        self._bundles.waits += 1
+        try:
+            return self.executor.wait_for(condition, timeout)
+        finally:
+            self._bundles.waits -= 1
 
     @property
     def stopping(self) -> bool:

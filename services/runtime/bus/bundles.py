@@ -91,10 +91,15 @@ class Part:
 class _Inbox:
     """Bundles of one topic on their way to the subscriptions of vehicles."""
 
-    def __init__(self, topic: Topic[Any], key: str, outbox: Outbox) -> None:
-        self._topic, self._key, self._outbox = topic, key, outbox
+    def __init__(
+        self, topic: Topic[Any], key: str, outbox: Outbox, waits: Callable[[], bool]
+    ) -> None:
+        """Read each bundle at once while a loop `waits()` for something."""
+        self._topic, self._key, self._outbox, self._waits = topic, key, outbox, waits
         self._takers: dict[str, list[Subscription[Any]]] = {}
         self._eager: list[Subscription[Any]] = []
+        self._waking: list[Subscription[Any]] = []
+        """Subscriptions that want each repetition as a message, and those that may wake their loop by themselves."""
         self._unread: deque[tuple[float, bytes]] = deque(maxlen=_UNREAD)
         self._reading = threading.RLock()  # what a message wakes may read on
         self._beats: dict[int, Beats] = {}
@@ -108,19 +113,21 @@ class _Inbox:
         takers.append(subscription)
         if not subscription.skips:
             self._eager.append(subscription)
+        if subscription.may_wake:
+            self._waking.append(subscription)
         subscription.pull = self.read
         return partial(self._remove, takers, subscription)
 
     def _remove(self, takers: list[Subscription[Any]], subscription: Subscription[Any]) -> None:
-        takers.remove(subscription)
-        if subscription in self._eager:
-            self._eager.remove(subscription)
+        for some in (takers, self._eager, self._waking):
+            if subscription in some:
+                some.remove(subscription)
 
     def on_bundle(self, sample: zenoh.Sample) -> None:
         """Take a bundle, on a Zenoh thread; one that no loop waits for is read later, with others."""
         zenoh_events.pin_thread_state()
         self._unread.append((time.monotonic(), sample.payload.to_bytes()))
-        if any(each.is_awaited for some in tuple(self._takers.values()) for each in some):
+        if self._waits() or any(each.is_awaited for each in self._waking.copy()):
             self.read()
             # Answers to all of them go out together.
             self._outbox.flush()
@@ -177,6 +184,8 @@ class Bundles:
         self._senders, self._outbox = senders, outbox
         self._out: dict[str, Bundle] = {}
         self._in: dict[str, _Inbox] = {}
+        self.waits = 0
+        """Loops that wait for something, which any message may be."""
         self._subscribers: list[zenoh.Subscriber[None]] = []
 
     def has(self, topic: Topic[Any]) -> bool:
@@ -197,7 +206,9 @@ class Bundles:
     ) -> Callable[[], None]:
         """Pass a vehicle's messages of a topic on to a subscription, until the result is called."""
         if topic.name not in self._in:
-            self._in[topic.name] = inbox = _Inbox(topic, self._key(topic), self._outbox)
+            self._in[topic.name] = inbox = _Inbox(
+                topic, self._key(topic), self._outbox, lambda: self.waits > 0
+            )
             callback = zenoh.handlers.Callback(inbox.on_bundle, indirect=False)
             self._subscribers.append(self._session.declare_subscriber(self._key(topic), callback))
         return self._in[topic.name].add(vehicle, subscription)

@@ -154,7 +154,7 @@ class Subscription(Generic[M]):
         self._posted = False
         self._since, self._count, self._flood = 0.0, 0, False
         self._wakes = wakes and handler is not None
-        self.skips = skips
+        self.skips, self.may_wake = skips, wakes
         self.pull: Callable[[], None] | None = None
         """Takes what has come and was not taken yet."""
         self.beats: Beats | None = None

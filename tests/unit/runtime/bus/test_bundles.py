@@ -48,7 +48,7 @@ class Flights:
         self.bundle = Bundle(session, "", codec.encoding(Pose), self.outbox)
         self.true = {name: [pose(0)] for name in NAMES}
         self.rested: dict[str, int] = {}
-        self.inbox = _Inbox(POSE_SLOW, "", self.outbox)
+        self.inbox = _Inbox(POSE_SLOW, "", self.outbox, lambda: False)
         self.got: dict[str, list[Pose]] = {name: [] for name in NAMES}
         self.subscriptions = {
             name: Subscription(

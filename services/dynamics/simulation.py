@@ -200,11 +200,13 @@ class Simulation:
 
     def tick(self, now: float) -> None:
         """Fly up to a time on the monotonic clock, s, as if each pose had its own tick."""
+        poses = self._poses_per_tick
         if self._rest and self._part:
             if self._part.beats == self._rested:
                 return  # woken within the period of its last pose
-            self._rest = 0
-        for poses_left in reversed(range(self._poses_per_tick)):
+            # The first tick afterwards is for the rest's last period, whatever the rate is by now.
+            poses, self._rest = round(self._params.rate / POSE_SLOW.hz), 0
+        for poses_left in reversed(range(poses)):
             self._fly_one_pose(now - poses_left / self._params.rate)
 
     @property
@@ -237,6 +239,7 @@ class Simulation:
             self._follow_until(now)
             self._last_setpoint = min(self._last_setpoint + passing, now)
             self._last_tick += passing
+            self._reported.through(self._pose())
             self.advance_time()
 
     def _wake(self) -> None:
@@ -312,12 +315,7 @@ class Simulation:
         wake each process on their way once, not five times. Safety's pose goes last: nobody may
         receive a decision before the pose that it is about.
         """
-        state = self._vehicle.state
-        pose = Pose(
-            self._boot, self._seq, self._stamp, Position(*state[:3]), Velocity(*state[3:6]),
-            Quaternion(*state[6:10]), BodyRates(*state[10:13]),
-        )  # fmt: skip
-        reported = self._reported.through(pose)
+        reported = self._reported.through(self._pose())
         # To encode and route a pose for nobody would take half as long as its flight.
         if self._in_lockstep or self.poses.has_subscribers:
             self._unsent.append(reported)
@@ -333,6 +331,13 @@ class Simulation:
             self._asked = self._seq
             if self._part:
                 self._rested, self._wakes = self._part.beats, False
+
+    def _pose(self) -> Pose:
+        state = self._vehicle.state
+        return Pose(
+            self._boot, self._seq, self._stamp, Position(*state[:3]), Velocity(*state[3:6]),
+            Quaternion(*state[6:10]), BodyRates(*state[10:13]),
+        )  # fmt: skip
 
     def _brake(self) -> None:
         """Come to a hover at the stopping point."""

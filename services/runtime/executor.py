@@ -24,11 +24,6 @@ LOOK_UP = 0.5
 """Longest wait (s) without a return to Python: an untimed wait can miss a signal."""
 
 
-def shared_lock() -> threading.RLock:
-    """Return a lock for data of several nodes: an inline item of one may run beside another's loop."""
-    return threading.RLock()
-
-
 class CallbackQueue:
     """Thread-safe queue of an executor that owns its thread."""
 
@@ -112,6 +107,7 @@ class _Beat:
         if (rate := self._rate_now()) != self._rate:
             self._rate = rate
             self._begin(self._last, 1)
+            self._drop_missed(now)
             return False
         if now < self.due:
             return False
@@ -120,9 +116,12 @@ class _Beat:
         return True
 
     def passed(self) -> None:
-        """Count a tick; drop those that were missed."""
+        """Count a tick."""
         self._count_from(self._start, self._count + 1)
-        if (now := time.monotonic()) > self.due + _LATE:
+        self._drop_missed(time.monotonic())
+
+    def _drop_missed(self, now: float) -> None:
+        if now > self.due + _LATE:
             self._begin(now, 1)
 
 

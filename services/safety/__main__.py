@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from functools import partial
+from threading import RLock
 
 from msgspec.structs import replace
 
@@ -43,7 +44,6 @@ from quadctl.services.airspace.cage import bounds
 from quadctl.services.runtime.bus.pubsub import Beats
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
-from quadctl.services.runtime.executor import shared_lock
 from quadctl.services.runtime.followed_params import follow
 from quadctl.services.runtime.node import FIRST_POSE, LOST_AFTER, Node
 from quadctl.services.runtime.params.load import launch_lines
@@ -213,7 +213,8 @@ class Safety:
         just_resumed = now - self._delays.resumed <= self._params.safety.pose_timeout
         age = None if just_resumed else now - self._seen - _UNSEEN
         gap = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
-        if self.monitor.watch(self._newest, age, gap, self._delays.since(self._seen)):
+        own, rests = self._delays.since(self._seen), self._poses.beats is not None
+        if self.monitor.watch(self._newest, age, gap, own, rests=rests):
             self._send_setpoint()
 
     def _on_state(self, state: SafetyState, line: str) -> None:
@@ -338,4 +339,5 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("safety", partial(run, shared=(Traffic(shared_lock()), Delays())), keeps_time=True)
+    # An inline item of one node may run beside another's loop.
+    start("safety", partial(run, shared=(Traffic(RLock()), Delays())), keeps_time=True)

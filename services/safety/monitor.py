@@ -70,6 +70,7 @@ class TrackingMonitor:
         self._boot, self.stamp = "", 0.0
         """Boot and stamp (s) of the last pose."""
         self._goal: Point | None = None
+        self._needs_setpoints = False
         self._still_since: float | None = None
 
     @property
@@ -78,16 +79,23 @@ class TrackingMonitor:
         return inf if self._still_since is None else self._still_since + PATIENCE
 
     def observe(
-        self, pose: Pose, goal: Point | None, *, moving: bool, setpoint_timeout: float = inf
+        self,
+        pose: Pose,
+        goal: Point | None,
+        *,
+        moving: bool,
+        rests: bool = False,
+        setpoint_timeout: float = inf,
     ) -> tuple[float, bool]:
         """Return how long (s) the vehicle had no setpoint, and whether it does not follow.
 
         `goal` is its present goal, None to brake; `moving` means that it is on its way. A goal that
         is new since the previous call reaches the vehicle now. Without a setpoint for longer than
-        its timeout (s) the vehicle had to stand still.
+        its timeout (s) the vehicle had to stand still; one that `rests`, by its pose, needs none.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
-        gap = pose.stamp - self.stamp if same and moving else 0.0
+        before, self._needs_setpoints = self._needs_setpoints, moving and not rests
+        gap = pose.stamp - self.stamp if same and before and self._needs_setpoints else 0.0
         self._boot, self.stamp, self._goal = pose.boot, pose.stamp, goal
         if not (same and moving and at_rest(pose)):
             self._still_since = None
@@ -201,12 +209,19 @@ class Monitor:
         return late or pose.boot in self._void
 
     def watch(
-        self, newest: Pose, age: float | None, setpoint_timeout: float, own: float = 0.0
+        self,
+        newest: Pose,
+        age: float | None,
+        setpoint_timeout: float,
+        own: float = 0.0,
+        *,
+        rests: bool = False,
     ) -> bool:
         """Stop or pause the flight if poses or setpoints are missing; return whether any were.
 
         `age` (s) is that of the newest pose; it is None after a delay of the caller itself, when the
-        poses in its queue count first. For `own` of these seconds this process did not run.
+        poses in its queue count first. For `own` of these seconds this process did not run. `rests` means
+        that the newest pose is one that the vehicle repeats.
         """
         late = age is not None and age > self._params.pose_timeout
         if age is not None and late:
@@ -215,7 +230,7 @@ class Monitor:
         s = self.situation
         goal, moving = None if s.brake else s.goal, s.flies
         gap, stuck = self.tracking.observe(
-            newest, goal, moving=moving, setpoint_timeout=setpoint_timeout
+            newest, goal, moving=moving, rests=rests, setpoint_timeout=setpoint_timeout
         )
         if stuck:
             self.halted(STOOD_STILL)

@@ -111,6 +111,39 @@ def test_no_goal_is_taken_for_a_vehicle_at_rest_that_sends_no_beats(fleet: Lab):
     fly_all(fleet, 1.5)
 
 
+def test_a_goal_where_a_vehicle_rests_is_reached_without_a_pause(fleet: Lab):
+    with fleet.bare() as bare:
+        states = bare.watch("uav1/safety/state")
+        goal = states.next()[0]["goal"]
+        for _ in range(3):
+            bare.watch(BUNDLE).until(lambda bundle: len(bundle[2]) == 1)
+            before = states.next()[-1]["request"]
+            payload = msgspec.msgpack.encode(goal)
+            assert bare.query("uav1/@srv/goto", payload).value["accepted"]
+            there = states.until(
+                lambda s, old=before: s["request"] > old and s["state"] == "HOVERING"
+            )
+            assert there["reason"] == ""
+    assert "no setpoint" not in fleet.log("safety")
+
+
+@pytest.mark.thorough
+def test_subscribers_that_come_and_go_cost_a_vehicle_at_rest_no_time(fleet: Lab):
+    def ahead() -> float:
+        with fleet.bare() as bare:
+            watches = [bare.watch(f"uav{number}/pose/slow") for number in (0, 1)]
+            first, second = ([pose["stamp"] for pose in watch.next(5)] for watch in watches)
+        return float(second[-1] - first[-1])
+
+    before = ahead()
+    for _ in range(20):
+        with fleet.bare() as visitor:
+            visitor.watch("uav1/pose").next(3)
+        with fleet.bare() as bare:
+            bare.watch(BUNDLE).until(lambda bundle: len(bundle[2]) == 1)
+    assert ahead() - before == pytest.approx(0, abs=0.15)
+
+
 @contextmanager
 def frozen(lab: Lab, node: str) -> Iterator[None]:
     lab.signal(node, signal.SIGSTOP)

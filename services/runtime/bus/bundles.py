@@ -102,7 +102,7 @@ class _Inbox:
         """Subscriptions that want each repetition as a message, and those that may wake their loop by themselves."""
         self._unread: deque[tuple[float, bytes]] = deque(maxlen=_UNREAD)
         self._reading = threading.RLock()  # what a message wakes may read on
-        self._beats: dict[int, Beats] = {}
+        self._process, self._beats = 0, Beats()
         type_: Any = topic.type
         bundle: Any = tuple[int, int, list[tuple[str, type_, int]]]
         self._decoder: Any = codec.decoder(bundle)
@@ -153,7 +153,10 @@ class _Inbox:
             except codec.UNREADABLE as error:
                 _log.warning("ignored a message on %s: %s", self._key, error)
                 return
-        beats = self._beats.setdefault(process, Beats())
+        if process != self._process:
+            # Whatever rested by the beats of one that ended repeats nothing any more.
+            self._process, self._beats = process, Beats()
+        beats = self._beats
         beats.received = now
         for vehicle, message, rest in parts:
             for subscription in self._takers.get(vehicle, ()):

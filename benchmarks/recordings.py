@@ -35,7 +35,7 @@ def measure(results: Results, effort: Effort) -> None:
     with home() as where:
         file = where.folder / "hour.mcap"
         _record(file)
-        plot = ("plot", str(file), "-o", str(where.folder / "hour.png"))
+        plot = ("plot", str(file), "-o", str(where.folder / "hour.png"), "--force")
         for run in range(effort.runs):
             seconds, memory = _used(plot, where.environment)
             results.add("plot_hour", "ours", [seconds], run)

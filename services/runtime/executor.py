@@ -1,6 +1,5 @@
 """Event loops: an Executor for one node; several take turns on one thread (greenlets)."""
 
-import math
 import os
 import sys
 import sysconfig
@@ -243,7 +242,7 @@ class Executor:
 
     def spin(self) -> None:
         """Serve the queue until stopped."""
-        while self._serve_until(math.inf):
+        while self._serve_until(inf):
             pass
 
     def serve_waiting(self) -> None:
@@ -416,6 +415,8 @@ class MultiNodeExecutor:
             pass
         else:
             queue.resume()
+            for _ in range(self._runnable.qsize()):  # else each would wait for the ticks of all
+                self._runnable.get().resume()
         now = time.monotonic()
         while self._timers and self._timers[0][0] <= now:
             _, number, timed = heappop(self._timers)

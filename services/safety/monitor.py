@@ -79,27 +79,22 @@ class TrackingMonitor:
         return inf if self._still_since is None else self._still_since + PATIENCE
 
     def observe(
-        self,
-        pose: Pose,
-        goal: Point | None,
-        *,
-        moving: bool,
-        rests: bool = False,
-        setpoint_timeout: float = inf,
+        self, pose: Pose, goal: Point | None, *, moving: bool, setpoint_timeout: float | None = inf
     ) -> tuple[float, bool]:
         """Return how long (s) the vehicle had no setpoint, and whether it does not follow.
 
         `goal` is its present goal, None to brake; `moving` means that it is on its way. A goal that
         is new since the previous call reaches the vehicle now. Without a setpoint for longer than
-        its timeout (s) the vehicle had to stand still; one that `rests`, by its pose, needs none.
+        its timeout (s) the vehicle had to stand still; at rest, without a timeout, it needs none.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
-        before, self._needs_setpoints = self._needs_setpoints, moving and not rests
-        gap = pose.stamp - self.stamp if same and before and self._needs_setpoints else 0.0
+        needs = moving and setpoint_timeout is not None
+        before, self._needs_setpoints = self._needs_setpoints, needs
+        gap = pose.stamp - self.stamp if same and before and needs else 0.0
         self._boot, self.stamp, self._goal = pose.boot, pose.stamp, goal
         if not (same and moving and at_rest(pose)):
             self._still_since = None
-        elif self._still_since is None or gap > setpoint_timeout:
+        elif self._still_since is None or gap > (setpoint_timeout or inf):
             self._still_since = pose.stamp
         stuck = self._still_since is not None and pose.stamp - self._still_since > PATIENCE
         return gap, stuck
@@ -209,19 +204,12 @@ class Monitor:
         return late or pose.boot in self._void
 
     def watch(
-        self,
-        newest: Pose,
-        age: float | None,
-        setpoint_timeout: float,
-        own: float = 0.0,
-        *,
-        rests: bool = False,
+        self, newest: Pose, age: float | None, setpoint_timeout: float | None, own: float = 0.0
     ) -> bool:
         """Stop or pause the flight if poses or setpoints are missing; return whether any were.
 
         `age` (s) is that of the newest pose; it is None after a delay of the caller itself, when the
-        poses in its queue count first. For `own` of these seconds this process did not run. `rests` means
-        that the newest pose is one that the vehicle repeats.
+        poses in its queue count first. For `own` of these seconds this process did not run.
         """
         late = age is not None and age > self._params.pose_timeout
         if age is not None and late:
@@ -230,13 +218,14 @@ class Monitor:
         s = self.situation
         goal, moving = None if s.brake else s.goal, s.flies
         gap, stuck = self.tracking.observe(
-            newest, goal, moving=moving, rests=rests, setpoint_timeout=setpoint_timeout
+            newest, goal, moving=moving, setpoint_timeout=setpoint_timeout
         )
+        lags = gap > (setpoint_timeout or inf)
         if stuck:
             self.halted(STOOD_STILL)
-        elif gap > setpoint_timeout:
+        elif lags:
             self.lagged(f"the vehicle received no setpoint for {gap:.2g} s", gap)
-        return late or stuck or gap > setpoint_timeout
+        return late or stuck or lags
 
     def lose(self) -> None:
         """Record that poses are older than allowed."""

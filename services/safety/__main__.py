@@ -213,9 +213,9 @@ class Safety:
         just_resumed = now - self._delays.resumed <= self._params.safety.pose_timeout
         age = None if just_resumed else now - self._seen - _UNSEEN
         # A vehicle that repeats its pose needs no setpoints.
-        gap = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
-        gap = None if self._poses.beats else gap
-        if self.monitor.watch(self._newest, age, gap, self._delays.since(self._seen)):
+        timeout = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
+        needed = None if self._poses.beats else timeout
+        if self.monitor.watch(self._newest, age, needed, self._delays.since(self._seen)):
             self._send_setpoint()
 
     def _on_state(self, state: SafetyState, line: str) -> None:

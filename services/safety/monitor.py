@@ -88,7 +88,7 @@ class TrackingMonitor:
         its timeout (s) the vehicle had to stand still; at rest, without a timeout, it needs none.
         """
         same = pose.boot == self._boot and goal is not None and goal == self._goal
-        needs = moving and setpoint_timeout is not None
+        needs = setpoint_timeout is not None
         before, self._needs_setpoints = self._needs_setpoints, needs
         gap = pose.stamp - self.stamp if same and before and needs else 0.0
         self._boot, self.stamp, self._goal = pose.boot, pose.stamp, goal

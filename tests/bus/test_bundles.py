@@ -128,9 +128,10 @@ def test_a_goal_where_a_vehicle_rests_is_reached_without_a_pause(fleet: Lab):
 def test_subscribers_that_come_and_go_cost_a_vehicle_at_rest_no_time(fleet: Lab):
     def ahead() -> float:
         with fleet.bare() as bare:
-            watches = [bare.watch(f"uav{number}/pose/slow") for number in (0, 1)]
-            first, second = ([pose["stamp"] for pose in watch.next(5)] for watch in watches)
-        return float(second[-1] - first[-1])
+            names = boots(bare)
+            poses = bare.watch("*/pose/slow").next(30)
+        stamps = {pose["boot"]: pose["stamp"] for pose in poses}
+        return float(stamps[names["uav1"]] - stamps[names["uav0"]])
 
     before = ahead()
     for _ in range(20):

@@ -6,7 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import zenoh
 from msgspec import Struct
@@ -16,10 +16,21 @@ from quadctl.services.runtime.bus import codec, zenoh_events
 from quadctl.services.runtime.errors import Invalid
 from quadctl.services.runtime.typed import require
 
-if TYPE_CHECKING:
-    from quadctl.services.runtime.bus.bundles import Part
-
 M = TypeVar("M", bound=Struct)
+
+
+class Bundled(Protocol):
+    """Vehicle's part of a bundle."""
+
+    beat: Callable[[], None]
+    """Counts a beat of the process."""
+
+    def add(self, message: Struct, rest: int) -> None:
+        """Add a message, which with a `rest` above 0 the vehicle repeats from now on."""
+
+    @property
+    def beats(self) -> int:
+        """Return how many beats the process has counted."""
 
 
 class Publisher(Generic[M]):
@@ -38,7 +49,7 @@ class Publisher(Generic[M]):
         *,
         waits: bool = False,
         defer: Callable[[Callable[[], None]], None] | None = None,
-        part: "Part | None" = None,
+        part: Bundled | None = None,
         on_match: Callable[[], None] = lambda: None,
     ) -> None:
         self._key, self._type = key, topic.type

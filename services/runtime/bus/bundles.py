@@ -71,7 +71,7 @@ class Bundle:
             self._publisher.put(codec.encode((self._process, self._sent, some)))
 
 
-class Part:
+class BundlePart:
     """Vehicle's part of a bundle."""
 
     def __init__(self, bundle: Bundle, vehicle: str) -> None:
@@ -195,14 +195,14 @@ class Bundles:
         """Return whether the topic's messages come in bundles."""
         return topic in _BUNDLED and topic.node in self._senders
 
-    def out(self, topic: Topic[Any], vehicle: str) -> "Part | None":
+    def out(self, topic: Topic[Any], vehicle: str) -> "BundlePart | None":
         """Return a vehicle's part of the bundle that a topic's messages go out in, None if they go in none."""
         if topic not in _BUNDLED:
             return None
         if topic.name not in self._out:
             encoding = _encoding(topic)
             self._out[topic.name] = Bundle(self._session, self._key(topic), encoding, self._outbox)
-        return Part(self._out[topic.name], vehicle)
+        return BundlePart(self._out[topic.name], vehicle)
 
     def subscribe(
         self, topic: Topic[Any], vehicle: str, subscription: Subscription[Any]

@@ -10,7 +10,6 @@ one that rests costs nothing, neither its own process nor others, and a beat sho
 """
 
 import logging
-import os
 import threading
 import time
 from collections import deque
@@ -25,67 +24,16 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.topics import POSE_SLOW, SETPOINT, Topic
 from quadctl.services.runtime.bus import codec, zenoh_events
-from quadctl.services.runtime.bus.pubsub import Beats, Subscription
+from quadctl.services.runtime.bus.pubsub import Beats, Bundle, BundlePart, Subscription
 from quadctl.services.runtime.executor import Outbox
 
 _BUNDLED = (POSE_SLOW, SETPOINT)
-_MOST = 128
-"""Messages of a bundle, some 30 kB: Zenoh sends more than 64 kB in pieces."""
 _UNREAD = 1_000
 """Bundles that may wait for a loop."""
 _DIGITS = 3
 """Digits of a stamp (s) after the point: it counts steps of 1 ms."""
 _log = logging.getLogger(__name__)
 _undecoded = msgpack.Decoder(tuple[int, int, list[tuple[str, Raw, int]]])
-
-
-class Bundle:
-    """Messages of one topic, of several vehicles, that wait to go out together."""
-
-    def __init__(self, session: zenoh.Session, key: str, encoding: str, outbox: Outbox) -> None:
-        """Declare the key; messages go out when the outbox is flushed."""
-        self._publisher = session.declare_publisher(
-            key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
-        )
-        self._matches = zenoh_events.MatchingListener(self._publisher)
-        self._waiting: deque[tuple[str, Struct, int]] = deque()
-        self._outbox, self._process = outbox, int.from_bytes(os.urandom(4))
-        self.beats, self._sent = 0, 0
-        """Beats of the process, and those that were sent."""
-
-    def add(self, vehicle: str, message: Struct, rest: int) -> None:
-        """Add a vehicle's message, if there is a process to take it; safe to call from any thread."""
-        if self._matches.was_there:
-            self._waiting.append((vehicle, message, rest))
-            self._outbox.add(self._send)
-
-    def beat(self) -> None:
-        """Count a beat: each vehicle at rest repeats its message."""
-        self.beats += 1
-        self._outbox.add(self._send)
-
-    def _send(self) -> None:
-        while self._waiting or self._sent != self.beats:
-            count, self._sent = min(len(self._waiting), _MOST), self.beats
-            some = [self._waiting.popleft() for _ in range(count)]
-            self._publisher.put(codec.encode((self._process, self._sent, some)))
-
-
-class BundlePart:
-    """Vehicle's part of a bundle."""
-
-    def __init__(self, bundle: Bundle, vehicle: str) -> None:
-        self._bundle, self._vehicle = bundle, vehicle
-        self.beat = bundle.beat
-
-    def add(self, message: Struct, rest: int) -> None:
-        """Add a message, which with a `rest` above 0 the vehicle repeats from now on."""
-        self._bundle.add(self._vehicle, message, rest)
-
-    @property
-    def beats(self) -> int:
-        """Return how many beats the process has counted."""
-        return self._bundle.beats
 
 
 class _Inbox:
@@ -195,7 +143,7 @@ class Bundles:
         """Return whether the topic's messages come in bundles."""
         return topic in _BUNDLED and topic.node in self._senders
 
-    def out(self, topic: Topic[Any], vehicle: str) -> "BundlePart | None":
+    def out(self, topic: Topic[Any], vehicle: str) -> BundlePart | None:
         """Return a vehicle's part of the bundle that a topic's messages go out in, None if they go in none."""
         if topic not in _BUNDLED:
             return None

@@ -1,12 +1,13 @@
 """Node side of a topic: Publisher and Subscription."""
 
 import logging
+import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, Generic, TypeVar
 
 import zenoh
 from msgspec import Struct
@@ -14,23 +15,63 @@ from msgspec import Struct
 from quadctl.schemas.topics import Topic
 from quadctl.services.runtime.bus import codec, zenoh_events
 from quadctl.services.runtime.errors import Invalid
+from quadctl.services.runtime.executor import Outbox
 from quadctl.services.runtime.typed import require
 
 M = TypeVar("M", bound=Struct)
 
 
-class Bundled(Protocol):
+_MOST = 128
+"""Messages of a bundle, some 30 kB: Zenoh sends more than 64 kB in pieces."""
+
+
+class Bundle:
+    """Messages of one topic, of several vehicles, that wait to go out together."""
+
+    def __init__(self, session: zenoh.Session, key: str, encoding: str, outbox: Outbox) -> None:
+        """Declare the key; messages go out when the outbox is flushed."""
+        self._publisher = session.declare_publisher(
+            key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
+        )
+        self._matches = zenoh_events.MatchingListener(self._publisher)
+        self._waiting: deque[tuple[str, Struct, int]] = deque()
+        self._outbox, self._process = outbox, int.from_bytes(os.urandom(4))
+        self.beats, self._sent = 0, 0
+        """Beats of the process, and those that were sent."""
+
+    def add(self, vehicle: str, message: Struct, rest: int) -> None:
+        """Add a vehicle's message, if there is a process to take it; safe to call from any thread."""
+        if self._matches.was_there:
+            self._waiting.append((vehicle, message, rest))
+            self._outbox.add(self._send)
+
+    def beat(self) -> None:
+        """Count a beat: each vehicle at rest repeats its message."""
+        self.beats += 1
+        self._outbox.add(self._send)
+
+    def _send(self) -> None:
+        while self._waiting or self._sent != self.beats:
+            count, self._sent = min(len(self._waiting), _MOST), self.beats
+            some = [self._waiting.popleft() for _ in range(count)]
+            self._publisher.put(codec.encode((self._process, self._sent, some)))
+
+
+class BundlePart:
     """Vehicle's part of a bundle."""
 
-    beat: Callable[[], None]
-    """Counts a beat of the process."""
+    def __init__(self, bundle: Bundle, vehicle: str) -> None:
+        self._bundle, self._vehicle = bundle, vehicle
+        self.beat = bundle.beat
 
     def add(self, message: Struct, rest: int) -> None:
         """Add a message, which with a `rest` above 0 the vehicle repeats from now on."""
+        self._bundle.add(self._vehicle, message, rest)
 
     @property
     def beats(self) -> int:
         """Return how many beats the process has counted."""
+        return self._bundle.beats
 
 
 class Publisher(Generic[M]):
@@ -49,7 +90,7 @@ class Publisher(Generic[M]):
         *,
         waits: bool = False,
         defer: Callable[[Callable[[], None]], None] | None = None,
-        part: Bundled | None = None,
+        part: BundlePart | None = None,
         on_match: Callable[[], None] = lambda: None,
     ) -> None:
         self._key, self._type = key, topic.type
@@ -129,10 +170,6 @@ Again = Callable[[Any, int], Any]
 """Returns a message as it is so many periods later."""
 
 
-def _unchanged(message: Any, _periods: int) -> Any:
-    return message
-
-
 class Subscription(Generic[M]):
     """Newest message of a topic and its arrival time.
 
@@ -170,8 +207,9 @@ class Subscription(Generic[M]):
         """Takes what has come and was not taken yet."""
         self.beats: Beats | None = None
         """Count of the periods for which the newest message holds, None if it is not repeated."""
-        self._counted, self._resting = 0, cast("M", None)
-        self._again: Again = _unchanged
+        self._counted = 0
+        self._resting: M
+        self._again: Again
         self._complaint = ""
         self._dropped, self._drops_logged = 0, False
         self._ours = codec.encoding(topic.type)
@@ -312,9 +350,10 @@ class Subscription(Generic[M]):
             self._sum_up()
 
     def _look(self) -> None:
-        if self._handler is None:
-            self._catch_up()
-        if self._handler is None and self._waiting:
+        if self._handler is not None:
+            return
+        self._catch_up()
+        if self._waiting:
             # Zenoh's thread appends at the same time, and may push out the oldest.
             arrived = [self._waiting.popleft() for _ in range(len(self._waiting))]
             for received, payload, encoding in reversed(arrived):

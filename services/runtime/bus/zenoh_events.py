@@ -78,7 +78,6 @@ class MatchingListener:
         self._end, self._on_change = end, on_change
         self._listener: zenoh.MatchingListener[None] | None = None
         self._there, self._changes = threading.Event(), 0
-        self._was_there = False  # as the event, which takes longer to ask
         self._waited = False
 
     @property
@@ -105,7 +104,7 @@ class MatchingListener:
         """Return the last report of the listener, which takes no call of Zenoh."""
         if self._listener is None:
             self._listen()
-        return self._was_there
+        return self._there.is_set()
 
     @property
     def changes(self) -> int:
@@ -128,13 +127,11 @@ class MatchingListener:
             # Only changes are reported; a change before this check is newer than its result.
             before, there = self._changes, self.is_there
             if self._changes == before and there:
-                self._was_there = True
                 self._there.set()
 
     def on_change(self, status: zenoh.MatchingStatus) -> None:
         """Take a report of Zenoh: whether there is a match now."""
         self._changes += 1
-        self._was_there = bool(status.matching)
         if status.matching:
             self._there.set()
         else:

@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from quadctl.schemas.messages import Pose
 from quadctl.schemas.topics import POSE_SLOW
 from quadctl.services.runtime.bus import codec
-from quadctl.services.runtime.bus.bundles import Bundle, _Inbox
-from quadctl.services.runtime.bus.pubsub import Subscription
+from quadctl.services.runtime.bus.bundles import _Inbox
+from quadctl.services.runtime.bus.pubsub import Bundle, Subscription
 from quadctl.services.runtime.executor import Outbox
 from tests.support.bags import pose
 
@@ -47,7 +47,7 @@ class Flights:
         session = cast("zenoh.Session", self.wire)
         self.bundle = Bundle(session, "", codec.encoding(Pose), self.outbox)
         self.true = {name: [pose(0)] for name in NAMES}
-        self.rested: dict[str, int] = {}
+        self.resting: set[str] = set()
         self.inbox = _Inbox(POSE_SLOW, "", self.outbox, lambda: False)
         self.got: dict[str, list[Pose]] = {name: [] for name in NAMES}
         self.subscriptions = {
@@ -66,8 +66,7 @@ class Flights:
             self.beat(moves=moves["uav0"])
             self.outbox.flush()
         for name in NAMES[1:]:
-            # The beat of this period has come already, or comes only with the first vehicle's tick.
-            self.tick(name, moves=moves[name], beats=self.bundle.beats + (not after_beat))
+            self.tick(name, moves=moves[name])
         if not after_beat:
             self.beat(moves=moves["uav0"])
         self.outbox.flush()
@@ -76,13 +75,13 @@ class Flights:
         self.bundle.beat()
         self.bundle.add("uav0", self.fly("uav0", moves=moves), 0)
 
-    def tick(self, name: str, *, moves: bool, beats: int) -> None:
+    def tick(self, name: str, *, moves: bool) -> None:
         flown = self.fly(name, moves=moves)
         if moves:
-            self.rested.pop(name, None)
+            self.resting.discard(name)
             self.bundle.add(name, flown, 0)
-        elif name not in self.rested:
-            self.rested[name] = beats
+        elif name not in self.resting:
+            self.resting.add(name)
             self.bundle.add(name, flown, STEP)
 
     def fly(self, name: str, *, moves: bool) -> Pose:

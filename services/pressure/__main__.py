@@ -139,7 +139,7 @@ class Rhythm:
         self._output = Output(node, params, self._now)
         self._boot, self._counted = "", _NONE
         self._pose: Pose | None = None
-        self._is_ours, self._by_poses, self._begins = True, True, not node.single
+        self._is_ours, self._by_poses = True, True
         self._topic = self._needed()
         self._poses = self._listen()
         node.on_params = self._on_params
@@ -154,11 +154,9 @@ class Rhythm:
 
     def _tick_rate(self) -> float:
         rate = self._params.pressure.rate
-        # At a launch of a thousand, to ask for each whether anybody subscribes takes half a second.
-        return rate if not self._begins and self._output.is_awaited else min(rate, _CATCH_UP)
+        return rate if self._output.is_awaited else min(rate, _CATCH_UP)
 
     def _tick(self, now: float) -> None:
-        self._begins = False
         self._change_topic()
         # Changed here alone: the poses up to this tick, handled just before, were not read by ticks.
         self._by_poses = self._lockstep or not self._output.is_awaited

@@ -111,8 +111,8 @@ POSE_SLOW = Topic(
 POSES = Topic(
     "@all/pose", Poses, node="dynamics", hz=20, doc="All poses up to one that safety answers."
 )
-"""In lock-step, the messages of POSE for those that need each of them: one wake for five. Wildcards do
-not match the chunk `@all`."""
+"""In lock-step, the messages of POSE for those that need each of them: at full speed one wake for those of
+several answers. Wildcards do not match the chunk `@all`."""
 PRESSURE = Topic(
     "sensors/pressure", Pressure, node="pressure", hz=10, doc="Barometer, baseline subtracted."
 )

@@ -96,6 +96,8 @@ _DROP = 0.1
 """Height (m) from which such a vehicle drops: blown along, it might not come nearer to the floor."""
 _STEPS_PER_SECOND = 1000
 _STEPS_PER_PERIOD = round(_STEPS_PER_SECOND / POSE_SLOW.hz)
+_BATCHED = 0.25
+"""Poses (simulated s) that go out together at full speed, to those that wait for none: each message wakes them."""
 _REPUBLISH = 0.25
 """Time (s) after which, in lock-step, an unanswered pose is published again."""
 _AT_REST = 1.0
@@ -121,6 +123,8 @@ class Simulation:
         self._unheld = ""
         """Reason why a vehicle with the parameters judged last cannot hold itself, or empty."""
         self._unsent: list[Pose] = []
+        self._batch: list[Pose] = []
+        """Poses that POSE, and POSES, lack so far."""
         self.boot()
         self.poses = node.publisher(POSE, lambda: params.dynamics.rate, together=True)
         self._due_poses = node.publisher(POSE_SLOW, together=True)
@@ -137,6 +141,7 @@ class Simulation:
         """Start a new boot, by a given or a random name, and publish it."""
         if name in self._boots:
             raise Refused(f"there was a boot named {name} already", "choose another name, or none")
+        self._publish_batch()
         self.boot(name)
         self.publish()
         self.advance_time()
@@ -186,12 +191,16 @@ class Simulation:
     def tick_rate(self) -> float:
         """Return the rate of the next ticks, Hz.
 
-        While nobody subscribes to the poses between those that safety answers, a tick flies all of
-        them at once: each wake of a process costs more than the flight between two poses.
+        While nobody subscribes to the poses between those that safety answers, or at full speed, a tick
+        flies all of them at once: each tick or wake costs more than the flight between two poses.
         """
-        rate = self._params.rate
+        rate, speed = self._params.rate, self._params.speed
+        if self._in_lockstep and speed:
+            self._poses_per_tick = 1
+            return rate * speed
         if self._in_lockstep:
-            return rate * (self._params.speed or math.inf)
+            self._poses_per_tick = max(1, int(rate / POSE_SLOW.hz))
+            return math.inf
         if self._rest and not (self._wakes or self._is_seen):
             return _AT_REST
         waits = not self._answer_is_due or rate % POSE_SLOW.hz or self.poses.has_subscribers
@@ -207,7 +216,8 @@ class Simulation:
             # The first tick afterwards is for the rest's last period, whatever the rate is by now.
             poses, self._rest = round(self._params.rate / POSE_SLOW.hz), 0
         for poses_left in reversed(range(poses)):
-            self._fly_one_pose(now - poses_left / self._params.rate)
+            if not self._node.stopping:
+                self._fly_one_pose(now - poses_left / self._params.rate)
 
     @property
     def _is_seen(self) -> bool:
@@ -305,32 +315,46 @@ class Simulation:
             vehicle.stand()
 
     def advance_time(self) -> None:
-        """Execute the calls that were held for this pose."""
-        self._node.advance_sim_time(self._boot, self._stamp)
+        """Execute the calls that were held for this pose, with all poses up to it published."""
+        self._node.advance_sim_time(self._boot, self._stamp, self._publish_batch)
 
     def publish(self) -> None:
         """Publish the current pose.
 
         At full speed, poses that need no answer go out with the next one that does: together they
         wake each process on their way once, not five times. Safety's pose goes last: nobody may
-        receive a decision before the pose that it is about.
+        receive a decision before the pose that it is about. POSES is for those that do not mind.
         """
-        reported = self._reported.through(self._pose())
+        pose = self._reported.through(self._pose())
+        is_time = self._params.speed != 0 or self._answer_is_due
         # To encode and route a pose for nobody would take half as long as its flight.
         if self._in_lockstep or self.poses.has_subscribers:
-            self._unsent.append(reported)
-        if self._unsent and (self._params.speed != 0 or self._answer_is_due):
-            if self._all_poses:
-                self._all_poses.put(Poses(self._unsent.copy()))
-            for pose in self._unsent:
-                self.poses.put(pose)
-            self._unsent.clear()
+            self._unsent.append(pose)
+            self._batch.append(pose)
+        if is_time and self.poses.has_subscribers:
+            self._publish_unsent()
+        repeats = self._asked == self._seq
         if self._answer_is_due:
             self._rest = self._poses_per_tick if self._part and self._may_rest() else 0
-            self._due_poses.put(reported, self._rest)
+            self._due_poses.put(pose, self._rest)
             self._asked = self._seq
             if self._part:
                 self._rested, self._wakes = self._part.beats, False
+        # Nobody waits for the rest, but in lock-step somebody may have subscribed just now.
+        if is_time:
+            self._publish_unsent()
+        if self._params.speed != 0 or repeats or len(self._batch) >= _BATCHED * self._params.rate:
+            self._publish_batch()
+
+    def _publish_unsent(self) -> None:
+        for pose in self._unsent:
+            self.poses.put(pose)
+        self._unsent.clear()
+
+    def _publish_batch(self) -> None:
+        if self._batch and self._all_poses:
+            self._all_poses.put(Poses(self._batch.copy()))
+        self._batch.clear()
 
     def _pose(self) -> Pose:
         state = self._vehicle.state

@@ -24,7 +24,7 @@ from quadctl.services.runtime.bus.client import latest
 from quadctl.services.runtime.bus.pubsub import Publisher, Subscription
 from quadctl.services.runtime.bus.streams import RawMessage, RawSubscriber, RecorderSubscriber
 from quadctl.services.runtime.errors import AlreadyServed
-from quadctl.services.runtime.executor import Executor
+from quadctl.services.runtime.executor import Executor, Item
 from quadctl.services.runtime.server import CallLog, QueryQueue, Schedule, Server
 from quadctl.services.runtime.typed import positive_rate, require, require_function
 
@@ -280,9 +280,9 @@ class Node:
         self._answer_queries(server.key, server.answer, inline=inline)
         return server
 
-    def advance_sim_time(self, boot: str, stamp: float) -> None:
-        """Set the simulated time to `stamp` (s) of `boot` and execute the calls that are due."""
-        self._schedule.advance(boot, stamp, time.monotonic())
+    def advance_sim_time(self, boot: str, stamp: float, first: Item | None = None) -> None:
+        """Set the simulated time to `stamp` (s) of `boot`; if calls are due, call `first` and execute them."""
+        self._schedule.advance(boot, stamp, time.monotonic(), first)
 
     @property
     def is_first(self) -> bool:
@@ -290,8 +290,7 @@ class Node:
         return self.reference_params is None
 
     def _on_match(self) -> None:
-        # A rate may depend on whether anybody subscribes; in a large launch, all do at once.
-        if self._ready:
+        if self._ready:  # a rate may depend on it; in a large launch, all match at once
             self.executor.retime()
 
     def retime(self) -> None:

@@ -98,11 +98,14 @@ class Schedule:
         if len(self._times) + len(self._deadlines) > 4 * len(self._waiting) + _SPARE:
             self._forget_settled()
 
-    def advance(self, boot: str, stamp: float, now: float) -> None:
+    def advance(
+        self, boot: str, stamp: float, now: float, first: Callable[[], None] | None = None
+    ) -> None:
         """Set the time to `stamp` of `boot`, `now` in monotonic s, and settle the calls that are due.
 
-        They are settled in the order of their times, equal ones in the order of their arrival. A
-        time before that of the last call changes nothing: a node's own loop may be behind.
+        They are settled in the order of their times, equal ones in the order of their arrival; if there
+        are any, `first` is called before. A time before that of the last call changes nothing: a node's
+        own loop may be behind.
         """
         if boot in self._ended or (boot == self._boot and stamp < self._stamp):
             return
@@ -126,6 +129,8 @@ class Schedule:
         due = self._taken(self._times, lambda at: at <= stamp)
         for call, why in late:
             call.settle(Expired(why))
+        if due and first:
+            first()
         for call in due:
             call.settle(None)
 

@@ -102,7 +102,7 @@ class FakeNode:
     def ready(self) -> None:
         """Do nothing: there is no bus."""
 
-    def advance_sim_time(self, boot: str, stamp: float) -> None:
+    def advance_sim_time(self, boot: str, stamp: float, *_: object) -> None:
         """Set the simulated time (s) and execute the calls that were scheduled for it."""
         self._now = (boot, stamp)
         self._boots.add(boot)

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 # It ends with its parent, even by kill -9. Where each session is a group of the scheduler, the priority
-# counts within the group only; the group itself gets the least that there is.
+# counts within the group only; the group itself gets the least that there is. It gives up each turn at once:
+# else Linux, since 6.12, would let a process that wakes up wait for milliseconds, until the turn ends.
 _LOOP = """
 import os, sys, time
 core, parent = map(int, sys.argv[1:])
@@ -21,8 +22,8 @@ while os.path.exists("/proc/self/autogroup"):
     except BlockingIOError:  # of users other than root Linux takes one in 0.1 s
         time.sleep(0.1)
 while os.getppid() == parent:
-    for _ in range(1_000_000):
-        pass
+    for _ in range(10_000):
+        os.sched_yield()
 """
 
 

@@ -11,8 +11,13 @@ TOO_DEEP = f"nested deeper than {_DEEPEST} levels"
 _NESTED = {dict, list, tuple}
 
 
-def is_too_deep(value: Any) -> bool:
-    """Return whether plain data has lists and tables on too many levels."""
+def is_too_deep(value: Any, text: bytes = b"") -> bool:
+    """Return whether plain data has lists and tables on too many levels.
+
+    With its `text`, in JSON, most of it need not be walked through: each level begins with a bracket.
+    """
+    if text and text.count(b"{") + text.count(b"[") <= _DEEPEST:
+        return False
     level = [value] if type(value) in _NESTED else []
     for _ in range(_DEEPEST):
         level = [

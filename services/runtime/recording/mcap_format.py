@@ -89,7 +89,7 @@ class Form:
             value = msgspec.json.decode(payload)
         except _BAD:
             return False
-        return isinstance(value, dict) and not is_too_deep(value)
+        return isinstance(value, dict) and not is_too_deep(value, payload)
 
 
 def restored(data: bytes, *, packed: bool) -> bytes:

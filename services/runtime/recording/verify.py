@@ -89,7 +89,7 @@ class _Seen:
         found, problem = None, ""
         try:
             found = _DECODERS.get(name, _TABLE).decode(data)
-            if type(found) is dict and is_too_deep(found):
+            if type(found) is dict and is_too_deep(found, data):
                 problem = TOO_DEEP
         except RecursionError:
             problem = TOO_DEEP

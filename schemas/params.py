@@ -4,10 +4,11 @@
 `param set` changes values at once if a node reads them at its next step.
 """
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Annotated, Any, Literal, TypeVar
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct, field, msgpack
 
 from quadctl.schemas.barometer import PressureParams
 from quadctl.schemas.protocols import LOCAL, PORTS, SECURE
@@ -315,3 +316,25 @@ FROM_STANDSTILL = ("dynamics.vehicle", "dynamics.control")
 
 LIVE_SWITCHES = {"safety.cage_on": "`quadctl cage on` or `quadctl cage off`"}
 """Commands that change in a running system the value that these parameters set at launch."""
+
+R = TypeVar("R")
+_MOST_RESULTS = 100
+
+
+def by_value(function: Callable[..., R]) -> Callable[..., R]:
+    """Return a pure function of tables that computes once for equal ones: those of a thousand vehicles are."""
+    results: dict[bytes, R] = {}
+
+    @wraps(function)
+    def computed(*tables: Struct) -> R:
+        key = msgpack.encode(tables)
+        try:
+            return results[key]
+        except KeyError:
+            result = function(*tables)
+        if len(results) >= _MOST_RESULTS:
+            results.clear()
+        results[key] = result
+        return result
+
+    return computed

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from quadctl.schemas.params import WindParams
+from quadctl.schemas.params import WindParams, by_value
 from quadctl.schemas.topics import SETPOINT
 from quadctl.schemas.vehicle import ControlParams, InertiaParams, RotorDragParams, VehicleParams
 from quadctl.services.airspace.stopping import AT_REST, PATIENCE, StoppingLaw
@@ -101,6 +101,7 @@ _CLOSE, _ROUNDS = 1e-12, 60
 rounding hides it, the rounds after which they change no more."""
 
 
+@by_value
 def why_unproven(vehicle: VehicleParams, control: ControlParams) -> str:
     """Return which parameters are too far from those of the nearest body for a promise, or an empty string."""
     found = [(_far(vehicle, control, body), body.name) for body in BODIES]
@@ -274,6 +275,7 @@ class FlownLimits(NamedTuple):
     """rad"""
 
 
+@by_value
 def flown(vehicle: VehicleParams, control: ControlParams, wind: WindParams) -> FlownLimits:
     """Return the limits that the vehicle can fly in its wind.
 

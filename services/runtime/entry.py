@@ -202,7 +202,7 @@ def _parse(name: str) -> argparse.Namespace:
 
 def _params(realm: Realm, options: argparse.Namespace) -> dict[str, Params]:
     names = os.environ.get("QUADCTL_VEHICLES") or os.environ.get("QUADCTL_VEHICLE") or DEFAULT
-    vehicles = [vehicle_name(vehicle) for vehicle in options.vehicle or names.split(",")]
+    vehicles = dict.fromkeys(map(vehicle_name, options.vehicle or names.split(",")))
     found = {}
     for vehicle in vehicles:
         running = None if options.config else live.read_values(realm, vehicle)

@@ -217,9 +217,24 @@ class Simulation:
                 return  # woken within the period of its last pose
             # The first tick afterwards is for the rest's last period, whatever the rate is by now.
             poses, self._rest = round(self._params.rate / POSE_SLOW.hz), 0
-        for poses_left in reversed(range(poses)):
-            if not self._node.stopping:
-                self._fly_one_pose(now - poses_left / self._params.rate)
+        while poses and not self._node.stopping:
+            poses -= 1
+            self._fly_one_pose(now - poses / self._params.rate)
+            if poses and self._has_no_event(now):
+                self._last_tick = now
+                self._advance(poses)
+                poses = 0
+
+    def _has_no_event(self, now: float) -> bool:
+        """Return whether nothing can happen at the poses up to a time (monotonic s), so that they are one flight."""
+        return not (
+            self._in_lockstep
+            or self.poses.has_subscribers
+            or (self._arrived and self._arrived[0][0] <= now)
+            or (now - self._last_setpoint > self._params.setpoint_timeout and not self._braked)
+            or self._params.fault.pose != "none"
+            or self._vehicle.has_waiting
+        )
 
     @property
     def _is_seen(self) -> bool:
@@ -276,15 +291,15 @@ class Simulation:
         self._advance()
         self._last_tick = now
 
-    def _advance(self) -> None:
-        """Fly one pose's time, and publish the pose."""
+    def _advance(self, poses: int = 1) -> None:
+        """Fly the time of so many poses, and publish the last one."""
         if self._faster and not self._is_fast and (fly := self._faster()):
             self._vehicle.fly, self._is_fast = fly, True
-        self._vehicle.advance(round(_STEPS_PER_SECOND / self._params.rate))
+        self._vehicle.advance(poses * round(_STEPS_PER_SECOND / self._params.rate))
         self._mark()
         if self._answer_is_due:
             self._hold_or_land()
-        self._seq += 1
+        self._seq += poses
         if self._part and self._answer_is_due and self._node.is_first:
             self._part.beat()
         self.publish()
@@ -327,10 +342,12 @@ class Simulation:
         wake each process on their way once, not five times. Safety's pose goes last: nobody may
         receive a decision before the pose that it is about. POSES is for those that do not mind.
         """
+        is_seen = self._in_lockstep or self.poses.has_subscribers
+        if not (is_seen or self._answer_is_due or self._params.fault.pose != "none"):
+            return  # a pose for nobody would take half as long as its flight
         pose = self._reported.through(self._pose())
         is_time = self._params.speed != 0 or self._answer_is_due
-        # To encode and route a pose for nobody would take half as long as its flight.
-        if self._in_lockstep or self.poses.has_subscribers:
+        if is_seen:
             self._unsent.append(pose)
             self._batch.append(pose)
         if is_time and self.poses.has_subscribers:

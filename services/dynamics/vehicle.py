@@ -186,6 +186,11 @@ class Vehicle:
         return trajectory.at_rest(self._plan, self._constants[3])
 
     @property
+    def has_waiting(self) -> bool:
+        """Return whether parameters wait for its next standstill."""
+        return self._wanted is not None
+
+    @property
     def standing(self) -> bool:
         """Return whether it is on the floor with idle motors."""
         return self._mode[0] > 0.0

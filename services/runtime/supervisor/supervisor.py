@@ -164,7 +164,7 @@ class ManagedProcess:
         self._lines.append(LogLine(time.time(), "up", line, self.process.name))
 
 
-_LOOK_EVERY = 0.1
+_LOOK_EVERY = 0.2
 """Longest time (s) between checks; a line, a start or an end wakes the loop earlier."""
 _SAY_EVERY = 3.0
 """Seconds between reports of how far the start of several vehicles is."""
@@ -199,7 +199,7 @@ class Supervisor:
         """Run until a signal that is handled; return its number.
 
         `on_settled` is called once: with an empty text when all are ready, or with the last lines
-        of the first process that is left down. `on_look` is called ten times a second. Raises
+        of the first process that is left down. `on_look` is called at each check. Raises
         AlreadyServed if the realm's folder was removed and another run has taken the realm.
         """
         settled = False
@@ -417,7 +417,7 @@ def run(
 ) -> int:
     """Supervise until a signal, remove the run's files, and return the signal's number.
 
-    Log lines go to `emit`. `on_look` is called ten times a second. Raises
+    Log lines go to `emit`. `on_look` is called at each check. Raises
     AlreadyServed if the realm is live.
     """
     with ExitStack() as stack:

@@ -74,7 +74,7 @@ class Outbox:
 _BURST = 50
 """Most items that a loop serves before a tick that is due, some 5 ms: a flood must not delay it."""
 _LATE = 0.1
-"""Lateness (s) beyond which a loop drops the ticks that it missed and does not catch up."""
+"""Lateness (s) beyond which a loop drops the ticks that it missed, and goes on in phase."""
 
 
 class _Beat:
@@ -120,8 +120,8 @@ class _Beat:
         self._drop_missed(time.monotonic())
 
     def _drop_missed(self, now: float) -> None:
-        if now > self.due + _LATE:
-            self._begin(now, 1)
+        if now > self.due + _LATE and self._rate < inf:
+            self._begin(self._start + period(now - self._start, self._rate) / self._rate, 1)
 
 
 class Executor:

@@ -152,7 +152,7 @@ class Simulation:
     def boot(self, name: str = "") -> None:
         """Put the vehicle on its start, as a new boot that ignores old setpoints."""
         self._vehicle, self._is_fast = Vehicle(self._params), False
-        self._boot, self._seq = name or os.urandom(4).hex(), 0
+        self._boot, self._seq, self._period = name or os.urandom(4).hex(), 0, -1
         self._boots.add(self._boot)
         self._answered, self._braked, self._last_setpoint = -1, True, 0.0
         self._asked = self._rest = self._rested = 0
@@ -172,7 +172,6 @@ class Simulation:
         """Take the parameters' new values; the start counts from the next boot."""
         self._vehicle.configure(self._params)
         self._wakes = True
-        self._mark()
         if self._lands:
             # Safety judges the same change, and its next goal may come before the next pose.
             self._hold_or_land()
@@ -362,7 +361,8 @@ class Simulation:
         # Nobody waits for the rest, but in lock-step somebody may have subscribed just now.
         if is_time:
             self._publish_unsent()
-        if self._params.speed != 0 or repeats or len(self._batch) >= _BATCHED * self._params.rate:
+        is_whole = self._answer_is_due and len(self._batch) >= _BATCHED * self._params.rate
+        if self._params.speed != 0 or repeats or is_whole:
             self._publish_batch()
 
     def _publish_unsent(self) -> None:
@@ -410,8 +410,9 @@ class Simulation:
             self._node.log.warning("setpoints are back: the clock runs again")
 
     def _mark(self) -> None:
-        """Find out whether safety answers this pose: the first in a period of the setpoint."""
-        self._answer_is_due = SETPOINT.begins(self._stamp, 1 / self._params.rate)
+        """Find out whether safety answers this pose: the first in a period of the setpoint, whatever the rate was."""
+        before, self._period = self._period, SETPOINT.period(self._stamp)
+        self._answer_is_due = self._period != before
 
     @property
     def _stamp(self) -> float:

@@ -140,6 +140,16 @@ def test_the_poses_of_a_quarter_second_come_as_one_message_that_no_wildcard_brin
     assert seen == [*range(seen[0], seen[-1] + 1)]
 
 
+def test_a_rate_lowered_between_two_answers_does_not_stop_the_clock(fast: Lab):
+    fast.file(
+        "end = 4.0\nrows = [{ at = 2.81, do = 'param', name = 'dynamics.rate', value = 25.0 },"
+        " { at = 3.09, do = 'param', name = 'dynamics.rate', value = 50.0 }]",
+        "rates.toml",
+    )
+    hashes = [fast.quadctl("fly", "rates.toml", "--json").json["hash"] for _ in range(2)]
+    assert hashes[0] == hashes[1]
+
+
 @pytest.mark.thorough
 def test_a_mission_of_thousands_of_rows_flies_whole(fast: Lab):
     row = "{{ at = {}, do = 'goto', replace = true, x = {}, y = 0, z = 1 }}"

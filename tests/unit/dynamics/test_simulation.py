@@ -195,24 +195,29 @@ def test_a_tick_for_several_poses_flies_as_a_tick_for_each(late: float):
     flown = []
     for watched in (True, False):
         blown = Blown()
+        blown.params.dynamics.wind.gust = 1.0
         simulation, start = blown.simulation, 1000.0
         cast("FakePublisher", simulation.poses).has_subscribers = watched
         simulation.boot("same")
         simulation.publish()
         assert simulation.tick_rate() == (100 if watched else 20)
         now = start
-        for count in range(600):
-            # Goals, a silence beyond the time-out, and a new goal.
-            if count % 5 == 0 and not 200 <= count < 240:
-                goal = Position(1.0 + count // 300, 0.0, 1.5)
+        for count in range(900):
+            # Goals, a silence beyond the time-out in flight, and a new goal.
+            if count % 5 == 0 and not 530 <= count < 570:
+                goal = Position(1.1 + count // 500 + count // 600, 0.0, 1.5)
                 setpoint = Setpoint("same", count, goal, brake=False)
                 simulation._arrived.append((start + count / 100 + late, setpoint))
+            if count == 30:
+                # It waits until the vehicle stands still, at this goal.
+                blown.params.dynamics.vehicle.mass *= 1.1
+                simulation.configure()
             if (count + 1) % 5 == 0 or watched:
                 now = start + (count + 1) / 100
                 simulation.tick_rate()
                 simulation.tick(now)
         published = [m for topic, m in blown.node.published if topic == POSE_SLOW.name]
-        assert len(published) == 1 + 600 / 5
+        assert len(published) == 1 + 900 / 5
         flown.append((simulation._vehicle.state, published))
     assert flown[0] == flown[1]
 

@@ -41,7 +41,6 @@ from quadctl.schemas.topics import (
 )
 from quadctl.services.airspace import airworthiness
 from quadctl.services.airspace.cage import bounds
-from quadctl.services.runtime.bus.pubsub import Beats
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.errors import NotReady
 from quadctl.services.runtime.followed_params import follow
@@ -54,19 +53,19 @@ _UNSEEN = 1 / POSE_SLOW.hz - 1 / POSE.hz
 """Time (s) by which a slow pose may be older than the vehicle's newest one: no part of a silence."""
 _REQUESTS = 10
 """Requested positions that may wait: each costs a verdict, and only the newest one counts."""
-_SOME_TICKS = 100
-"""Ticks after which the others of a launch take off without a vehicle that has no pose."""
-_AT_REST = 1.0
-"""Ticks a second of a vehicle at rest among others."""
+_PATIENCE = 5.0
+"""Time (s) after which the others of a launch take off without a vehicle that has no pose."""
+_PUBLISHED = 1.0
+"""Times a second that the state is published at least."""
 _LATE = 0.15
-"""Time (s) without beats after which the vehicles at rest are looked after one by one again."""
+"""Time (s) without beats after which the vehicles at rest are watched again."""
 _LEAST_GAP = 2.01 / SETPOINT.hz
 """Shortest gap (s) between the newest poses at two ticks that means a lack of setpoints: with poses
 and ticks at the same rate, jitter of a millisecond can make it two periods."""
 
 
-class Delays:
-    """Delays of this process itself, and its vehicles at rest, by the beats that show that they are.
+class Process:
+    """Vehicles of this process, and its own delays.
 
     All its loops run on one thread: what holds up one holds up all.
     """
@@ -74,7 +73,8 @@ class Delays:
     def __init__(self) -> None:
         self.ticked, self.resumed, self._held = time.monotonic(), 0.0, 0.0
         """When a loop ticked last, and when after a delay (monotonic s); and how long (s) that was."""
-        self._resting: dict[Beats, dict[str, Callable[[], None]]] = {}
+        self.vehicles: list[Safety] = []
+        self.traffic = Traffic(RLock())  # an inline item of one node may run beside another's loop
 
     def tick(self, now: float) -> None:
         """Record a tick of a loop at a time, monotonic s."""
@@ -86,23 +86,13 @@ class Delays:
         """Return for how long (s) the process was held up after a time (monotonic s), if it was."""
         return self._held if self.resumed > seen else 0.0
 
-    def rest(self, vehicle: str, beats: Beats, wake: Callable[[], None]) -> None:
-        """Have a vehicle at rest woken when its beats stop."""
-        self._resting.setdefault(beats, {})[vehicle] = wake
-
-    def rouse(self, now: float) -> None:
-        """Wake the vehicles whose beats have stopped, if this process was not held up itself."""
-        for beats in [each for each in self._resting if now - each.received > _LATE]:
-            if now - self.resumed > _LATE:
-                for wake in self._resting.pop(beats).values():
-                    wake()
-
 
 class Safety:
     """Handlers of messages, calls and ticks."""
 
-    def __init__(self, node: Node, params: Params, traffic: Traffic, delays: Delays) -> None:
-        self._node, self._params, self._traffic, self._delays = node, params, traffic, delays
+    def __init__(self, node: Node, params: Params, process: Process) -> None:
+        self._node, self._params, self._process = node, params, process
+        self._traffic = traffic = process.traffic
         self._is_stepped = params.dynamics.in_lockstep
         """True in lock-step: silence then stops the clock, not the flight."""
         self._states = node.publisher(STATE)
@@ -115,7 +105,8 @@ class Safety:
         if not (node.single or self._is_stepped):
             traffic.expect(node.vehicle)
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
-        self._count, self._rests = 0, False
+        self._count, self._begun = 0, 0.0
+        self._repeats = self._leads = False
         self._newest, self._deciding = self.monitor.pose, False
         self._poses = node.listen(POSE_SLOW, self._on_pose, inline=True, skips=True)
         node.listen(REQUEST, self._on_waypoint, _REQUESTS, inline=True)
@@ -164,43 +155,43 @@ class Safety:
         if (near.near and near.name) != (before.near and before.name):
             self.publish()
 
-    def tick_rate(self) -> float:
-        """Return the rate of the next ticks, Hz."""
-        return _AT_REST if self._rests else SETPOINT.hz
+    def run(self) -> None:
+        """Tick until stopped: once a second, but the vehicle that begins first looks after all, at each setpoint.
 
-    def tick(self, now: float) -> None:
-        """Watch the silences, and publish the state once a second."""
-        self._delays.tick(now)
-        if beats := self._poses.beats:
-            self._seen = beats.received
-        self.watch()
-        if self._traffic.begins and (self.monitor.fresh or self._count > _SOME_TICKS):
-            self._traffic.attend(self._node.vehicle)
-        if self.monitor.takes_off and self._traffic.may_take_off(now):
-            self.monitor.take_off()
-        if self._rests or self._count % SETPOINT.hz == 0:
+        A tick of a loop costs more than a look.
+        """
+        self._begun, vehicles = time.monotonic(), self._process.vehicles
+        vehicles.append(self)
+        self._leads = self is vehicles[0]
+        try:
+            self._node.every(SETPOINT.hz if self._leads else _PUBLISHED, self._tick)
+        finally:
+            vehicles.remove(self)  # a new session begins with new ones
+
+    def _tick(self, now: float) -> None:
+        self._process.tick(now)
+        if self._leads:
+            for each in self._process.vehicles:
+                each.look(now)
+        if not self._leads or self._count % (SETPOINT.hz / _PUBLISHED) == 0:
             self.publish()
         self._count += 1
-        if self._node.is_first:
-            # It watches over the poses of all, and never rests itself.
-            self._delays.rouse(now)
-        else:
-            self._rest()
 
-    def _rest(self) -> None:
-        """Tick once a second while the vehicle repeats a pose that changes nothing, until something else happens."""
+    def look(self, now: float) -> None:
+        """Watch the vehicle, unless it repeats its pose at each beat; let it take off when all may. In any tick."""
         beats = self._poses.beats
-        waits = self.monitor.takes_off or self._traffic.begins or not self.monitor.is_quiet
-        if beats is None or waits:
-            self._wake()
-        else:
-            self._rests = True
-            self._delays.rest(self._node.vehicle, beats, self._wake)
+        if beats is None or now - beats.received > _LATE:
+            self._on_turn(self.watch)
+        if self._traffic.begins and (self.monitor.fresh or now - self._begun > _PATIENCE):
+            self._traffic.attend(self._node.vehicle)
+        if self.monitor.takes_off and self._traffic.may_take_off(now):
+            self._on_turn(self.monitor.take_off)
 
-    def _wake(self) -> None:
-        if self._rests:
-            self._rests = False
-            self._node.retime()
+    def _on_turn(self, item: Callable[[], None]) -> None:
+        if self._leads:
+            item()
+        else:
+            self._node.executor.join_in(item)
 
     def watch(self) -> None:
         """Stop the flight if poses or setpoints are missing; in lock-step the clock waits instead.
@@ -209,17 +200,19 @@ class Safety:
         """
         if self._is_stepped:
             return
+        self._poses.poll()
+        if beats := self._poses.beats:
+            self._seen = beats.received
         now = time.monotonic()
-        just_resumed = now - self._delays.resumed <= self._params.safety.pose_timeout
+        just_resumed = now - self._process.resumed <= self._params.safety.pose_timeout
         age = None if just_resumed else now - self._seen - _UNSEEN
         # A vehicle that repeats its pose needs no setpoints.
         timeout = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
-        needed = None if self._poses.beats else timeout
-        if self.monitor.watch(self._newest, age, needed, self._delays.since(self._seen)):
+        needed = None if beats else timeout
+        if self.monitor.watch(self._newest, age, needed, self._process.since(self._seen)):
             self._send_setpoint()
 
     def _on_state(self, state: SafetyState, line: str) -> None:
-        self._wake()
         self._states.put(state)
         if line:
             self._node.log.info(line)
@@ -254,13 +247,13 @@ class Safety:
             # A repeated pose is no news of the vehicle.
             self._newest, before = pose, self._seen
             self._seen = self._poses.received
-            # At rest, the process's first vehicle looks out for silences.
-            known = not (self._is_stepped or self._rests) and before
+            known = not (self._is_stepped or self._repeats) and before
             silence = self._seen - before - _UNSEEN if known else 0.0
             if silence > self._params.safety.pose_timeout:
                 # Its own delay: up to now, or earlier in the silence.
-                own = max(time.monotonic() - self._delays.ticked, self._delays.since(before))
+                own = max(time.monotonic() - self._process.ticked, self._process.since(before))
                 self.monitor.silent(silence, own)
+        self._repeats = self._poses.beats is not None
         period = SETPOINT.period(pose.stamp)
         if pose.boot == self.monitor.situation.boot and period == self._answered:
             if pose.seq == self.monitor.pose.seq and time.monotonic() - self._sent > LOST_AFTER:
@@ -276,8 +269,6 @@ class Safety:
         self._send_setpoint()
         if news:
             self._warn()
-        if not self._poses.beats:
-            self._wake()
 
     def _on_waypoint(self, waypoint: Waypoint) -> None:
         self._poses.poll()
@@ -310,19 +301,18 @@ class Safety:
         return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
 
-def run(node: Node, params: Params, shared: tuple[Traffic, Delays] | None = None) -> None:
+def run(node: Node, params: Params, process: Process | None = None) -> None:
     """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
-    traffic, delays = shared or (Traffic(), Delays())
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
-    safety = Safety(node, params, traffic, delays)
+    safety = Safety(node, params, process or Process())
     there = node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE)
     if not there and not node.expects(POSE_SLOW):
         safety.listen_to_all_poses()
     safety.serve()
-    node.every(safety.tick_rate, safety.tick)
+    safety.run()
 
 
 def _log_launch(node: Node, params: Params) -> None:
@@ -340,5 +330,4 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    # An inline item of one node may run beside another's loop.
-    start("safety", partial(run, shared=(Traffic(RLock()), Delays())), keeps_time=True)
+    start("safety", partial(run, process=Process()), keeps_time=True)

@@ -188,11 +188,6 @@ class Monitor:
         self._quiet = None if self.situation is before and not self.held else False
         return True
 
-    @property
-    def is_quiet(self) -> bool:
-        """Return whether it is known that a pose like the newest one changes nothing."""
-        return self._quiet is True
-
     def _find_quiet(self) -> bool:
         if self._quiet is None:
             self._quiet = is_quiet(self.situation, self.world())

@@ -151,6 +151,22 @@ def frozen(lab: Lab, node: str) -> Iterator[None]:
         lab.signal(node, signal.SIGCONT)
 
 
+@pytest.mark.thorough
+def test_each_flight_pauses_while_no_pose_comes(fleet: Lab):
+    fly_all(fleet, 1.2)
+    places = {vehicle: place_of(fleet, vehicle) for vehicle in VEHICLES}
+    with fleet.bare() as bare:
+        states = [bare.watch(f"{vehicle}/safety/state") for vehicle in VEHICLES]
+        for vehicle, place in places.items():
+            goal = msgspec.msgpack.encode(place | {"z": 1.9})
+            assert bare.query(f"{vehicle}/@srv/goto", goal).value["accepted"]
+        with frozen(fleet, "dynamics"):
+            for watch in states:
+                watch.until(lambda state: state["reason"].startswith("paused: no pose"))
+        for watch in states:
+            watch.until(lambda state: state["state"] == "HOVERING" and not state["reason"])
+
+
 def test_a_late_subscriber_receives_a_vehicles_own_topics_while_it_listens(fleet: Lab):
     for _ in range(2):
         with fleet.bare() as bare:

@@ -260,6 +260,7 @@ class Simulation:
             self._rested += passed
             self._seq += passed * self._rest
             self._vehicle.rest(passed * _STEPS_PER_PERIOD)
+            self._mark()
             # No setpoint answers a repetition, so none is missing.
             now, passing = time.monotonic(), passed / POSE_SLOW.hz
             self._follow_until(now)

@@ -102,8 +102,6 @@ _REPUBLISH = 0.25
 """Time (s) after which, in lock-step, an unanswered pose is published again."""
 _AT_REST = 1.0
 """Ticks a second of a vehicle at rest among others: a process that begins meanwhile needs a pose."""
-_UNANSWERED = 4.0
-"""The same before safety's first answer: in a large launch, safety is there seconds later."""
 _SILENCE = 5.0
 """Silence of safety (s) after which, in lock-step, a warning is logged."""
 
@@ -203,7 +201,7 @@ class Simulation:
             self._poses_per_tick = max(1, int(rate / POSE_SLOW.hz))
             return math.inf
         if self._rest and not (self._wakes or self._is_seen):
-            return _AT_REST if self._answered >= 0 else _UNANSWERED
+            return _AT_REST
         waits = not self._answer_is_due or rate % POSE_SLOW.hz or self.poses.has_subscribers
         self._poses_per_tick = 1 if waits else int(rate / POSE_SLOW.hz)
         return rate / self._poses_per_tick
@@ -249,7 +247,7 @@ class Simulation:
             not self._node.is_first
             and self._vehicle.is_still
             and self._poses_per_tick == self._params.rate / POSE_SLOW.hz
-            and (self._answered < 0 or self._answered >= self._asked)
+            and self._answered >= self._asked
             and self._params.fault.pose == "none"
             and not (self._lands or self._unheld or self._is_seen)
         )

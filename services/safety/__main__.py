@@ -64,7 +64,7 @@ _LEAST_GAP = 2.01 / SETPOINT.hz
 and ticks at the same rate, jitter of a millisecond can make it two periods."""
 
 
-class Process:
+class SafetyProcess:
     """Vehicles of this process, and its own delays.
 
     All its loops run on one thread: what holds up one holds up all.
@@ -90,7 +90,7 @@ class Process:
 class Safety:
     """Handlers of messages, calls and ticks."""
 
-    def __init__(self, node: Node, params: Params, process: Process) -> None:
+    def __init__(self, node: Node, params: Params, process: SafetyProcess) -> None:
         self._node, self._params, self._process = node, params, process
         self._traffic = traffic = process.traffic
         self._is_stepped = params.dynamics.in_lockstep
@@ -301,13 +301,13 @@ class Safety:
         return ToggleCageResponse(self.monitor.situation.cage_on is request.cage_on)
 
 
-def run(node: Node, params: Params, process: Process | None = None) -> None:
+def run(node: Node, params: Params, process: SafetyProcess | None = None) -> None:
     """Step on the poses at 20 Hz; a separate clock checks that they keep coming."""
     _log_launch(node, params)
     services = {service.name: service.node for service in SERVICES}
     topics = {topic.name: topic.node for topic in TOPICS}
     node.publisher(INFO).put(Info(node.vehicle, services, topics))
-    safety = Safety(node, params, process or Process())
+    safety = Safety(node, params, process or SafetyProcess())
     there = node.wait_for(lambda: safety.monitor.fresh, FIRST_POSE)
     if not there and not node.expects(POSE_SLOW):
         safety.listen_to_all_poses()
@@ -330,4 +330,4 @@ def _log_launch(node: Node, params: Params) -> None:
 
 
 if __name__ == "__main__":
-    start("safety", partial(run, process=Process()), keeps_time=True)
+    start("safety", partial(run, process=SafetyProcess()), keeps_time=True)

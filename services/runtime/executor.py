@@ -121,7 +121,7 @@ class _Beat:
 
     def _drop_missed(self, now: float) -> None:
         if now > self.due + _LATE and self._rate < inf:
-            self._begin(self._start + period(now - self._start, self._rate) / self._rate, 1)
+            self._count_from(self.due + period(now - self.due, self._rate) / self._rate, 1)
 
 
 class Executor:

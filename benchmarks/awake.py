@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 # It ends with its parent, even by kill -9. Where each session is a group of the scheduler, the priority
 # counts within the group only; the group itself gets the least that there is. It gives up each turn at once:
-# else Linux, since 6.12, would let a process that wakes up wait for milliseconds, until the turn ends.
+# else Linux 6.18 lets a process that wakes up wait for milliseconds, until the turn ends.
 _LOOP = """
 import os, sys, time
 core, parent = map(int, sys.argv[1:])

@@ -347,6 +347,7 @@ class Simulation:
         is_time = self._params.speed != 0 or self._answer_is_due
         if is_seen:
             self._unsent.append(pose)
+        if self._all_poses:
             self._batch.append(pose)
         if is_time and self.poses.has_subscribers:
             self._publish_unsent()

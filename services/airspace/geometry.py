@@ -1,6 +1,6 @@
 """Geometry of places, straight lines and boxes, and how far these are from each other; m, ENU."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
@@ -52,6 +52,12 @@ def distance(space: Space, other: Space, across: float, tall: float) -> float:
     """
     ours, theirs = _scaled(space, across, tall), _scaled(other, across, tall)
     return sqrt(min(_square(a, b) for a in ours for b in theirs))
+
+
+def away(place: Point, space: Iterable[Piece]) -> float:
+    """Return the least distance (m) of a place from a space."""
+    here = Piece(place, place)
+    return sqrt(min(_square(here, piece) for piece in space))
 
 
 def _scaled(space: Space, across: float, tall: float) -> list[Piece]:

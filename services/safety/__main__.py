@@ -73,6 +73,8 @@ class SafetyProcess:
     def __init__(self) -> None:
         self.ticked, self.resumed, self._held = time.monotonic(), 0.0, 0.0
         """When a loop ticked last, and when after a delay (monotonic s); and how long (s) that was."""
+        self.looks = 0
+        """Looks at all vehicles so far."""
         self.vehicles: list[Safety] = []
         self.traffic = Traffic(RLock())  # an inline item of one node may run beside another's loop
 
@@ -105,6 +107,8 @@ class Safety:
         if not (node.single or self._is_stepped):
             traffic.expect(node.vehicle)
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
+        self._looks = 0
+        """Looks at all vehicles up to the pose that was observed last."""
         self._count, self._begun = 0, 0.0
         self._repeats = self._leads = False
         self._newest, self._deciding = self.monitor.pose, False
@@ -171,6 +175,7 @@ class Safety:
     def _tick(self, now: float) -> None:
         self._process.tick(now)
         if self._leads:
+            self._process.looks += 1
             for each in self._process.vehicles:
                 each.look(now)
         if not self._leads or self._count % (SETPOINT.hz / _PUBLISHED) == 0:
@@ -178,9 +183,15 @@ class Safety:
         self._count += 1
 
     def look(self, now: float) -> None:
-        """Watch the vehicle, unless it repeats its pose at each beat; let it take off when all may. In any tick."""
-        beats = self._poses.beats
-        if beats is None or now - beats.received > _LATE:
+        """Watch the vehicle if it is silent; let it take off when all may. In any tick.
+
+        Otherwise each pose has it watched: then its data is at hand, here it is far.
+        """
+        if beats := self._poses.beats:
+            silent = now - beats.received > _LATE
+        else:
+            silent = now - self._seen - _UNSEEN > self._params.safety.pose_timeout
+        if silent:
             self._on_turn(self.watch)
         if self._traffic.begins and (self.monitor.fresh or now - self._begun > _PATIENCE):
             self._traffic.attend(self._node.vehicle)
@@ -205,12 +216,16 @@ class Safety:
             self._seen = beats.received
         now = time.monotonic()
         just_resumed = now - self._process.resumed <= self._params.safety.pose_timeout
-        age = None if just_resumed else now - self._seen - _UNSEEN
+        if self._observe(None if just_resumed else now - self._seen - _UNSEEN):
+            self._send_setpoint()
+
+    def _observe(self, age: float | None) -> bool:
+        """Stop the flight if the newest pose, of an age (s), comes late or shows it; return whether one does."""
+        self._looks = self._process.looks
         # A vehicle that repeats its pose needs no setpoints.
         timeout = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)
-        needed = None if beats else timeout
-        if self.monitor.watch(self._newest, age, needed, self._process.since(self._seen)):
-            self._send_setpoint()
+        needed = None if self._poses.beats else timeout
+        return self.monitor.watch(self._newest, age, needed, self._process.since(self._seen))
 
     def _on_state(self, state: SafetyState, line: str) -> None:
         self._states.put(state)
@@ -262,6 +277,9 @@ class Safety:
             return
         self._answered = period
         news = self.monitor.see(pose)
+        # Once a look: of poses that come together after a delay, the gap before the next one tells.
+        if not self._is_stepped and self._looks != self._process.looks:
+            self._observe(None)
         # The flight goes on with the first answer, which must include all held calls.
         self._deciding = True
         self._node.advance_sim_time(pose.boot, pose.stamp)

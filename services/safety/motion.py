@@ -11,7 +11,7 @@ from itertools import chain
 from math import dist, inf, isfinite
 
 from quadctl.services.airspace.cage import why_below, why_outside
-from quadctl.services.airspace.geometry import Box, Piece, Point, Space, around, distance
+from quadctl.services.airspace.geometry import Box, Piece, Point, Space, around, away
 from quadctl.services.airspace.routes import (
     LOW,
     NEAR,
@@ -222,8 +222,7 @@ def off_course(s: Situation, w: World) -> float:
         return inf
     if s.brake or stays(s, w):
         return dist(w.place, s.goal)
-    course = (Piece(*s.reach, is_box=True),) if s.reach else tuple(line(s.origin, s.goal))
-    return distance((Piece(w.place, w.place),), course, 1.0, 1.0)
+    return away(w.place, (Piece(*s.reach, is_box=True),) if s.reach else line(s.origin, s.goal))
 
 
 def is_quiet(s: Situation, w: World) -> bool:

@@ -36,6 +36,8 @@ class Bundle:
         self._matches = zenoh_events.MatchingListener(self._publisher)
         self._waiting: deque[tuple[str, Struct, int]] = deque()
         self._outbox, self._process = outbox, int.from_bytes(os.urandom(4))
+        self._is_due = False
+        """True once the outbox has a call that sends what is added from now on."""
         self.beats, self._sent = 0, 0
         """Beats of the process, and those that were sent."""
 
@@ -43,14 +45,20 @@ class Bundle:
         """Add a vehicle's message, if there is a process to take it; safe to call from any thread."""
         if self._matches.was_there:
             self._waiting.append((vehicle, message, rest))
-            self._outbox.add(self._send)
+            self._send_later()
 
     def beat(self) -> None:
         """Count a beat: each vehicle at rest repeats its message."""
         self.beats += 1
-        self._outbox.add(self._send)
+        self._send_later()
+
+    def _send_later(self) -> None:
+        if not self._is_due:
+            self._is_due = True
+            self._outbox.add(self._send)
 
     def _send(self) -> None:
+        self._is_due = False
         while self._waiting or self._sent != self.beats:
             count, self._sent = min(len(self._waiting), _MOST), self.beats
             some = [self._waiting.popleft() for _ in range(count)]

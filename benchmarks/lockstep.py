@@ -100,8 +100,7 @@ def _compiled_step() -> float:
     if code is None:
         raise Failed("there is no compiled vehicle: is the extra `fleet` installed?")
     vehicle = Vehicle(DynamicsParams())
-    machine = compiler.MachineCode(code)  # the code lives as long as this
-    vehicle.fly = machine.single()
+    vehicle.fly = compiler.load(code)
     vehicle.goto(0.0, 0.0, 1.0)
     vehicle.advance(5000)
     vehicle.goto(2.0, 2.0, 1.5)

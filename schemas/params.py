@@ -322,16 +322,16 @@ _MOST_RESULTS = 100
 
 
 def by_value(function: Callable[..., R]) -> Callable[..., R]:
-    """Return a pure function of tables that computes once for equal ones: those of a thousand vehicles are."""
+    """Return a pure function that computes once for equal values: those of a thousand vehicles are."""
     results: dict[bytes, R] = {}
 
     @wraps(function)
-    def computed(*tables: Struct) -> R:
-        key = msgpack.encode(tables)
+    def computed(*values: Any) -> R:
+        key = msgpack.encode(values)
         try:
             return results[key]
         except KeyError:
-            result = function(*tables)
+            result = function(*values)
         if len(results) >= _MOST_RESULTS:
             results.clear()
         results[key] = result

@@ -10,9 +10,9 @@ from quadctl.schemas.params import DynamicsParams
 from quadctl.services.airspace.geometry import Box
 from quadctl.services.campaign import watch
 from quadctl.services.campaign.watch import Floats
+from quadctl.services.dynamics.compiled.aot import lane_of
 from quadctl.services.dynamics.compiled.fleet import CompiledFleet, flat
 from quadctl.services.dynamics.compiled.kernel import MOTION
-from quadctl.services.dynamics.compiled.single import lane_of
 from quadctl.services.dynamics.flight_modes import room
 from quadctl.services.dynamics.vehicle import Vehicle
 
@@ -143,7 +143,7 @@ class _Lane(Vehicle):
 
     def room(self) -> Box:
         """Return the box that it would stay in if it braked now."""
-        return room(self._plan, self._mode, self._constants[3])
+        return room(self._plan, self._mode, self.constants[3])
 
     def load(self, numbers: Sequence[float]) -> None:
         """Take a compiled vehicle's changing numbers."""
@@ -157,4 +157,4 @@ class _Lane(Vehicle):
     def flat(self) -> tuple[list[float], tuple[float, ...]]:
         """Return its changing numbers, and its constants, in the order of the kernel."""
         numbers = self._state, self._command, self._plan, self._mode, self._air
-        return flat(numbers), tuple(flat(self._constants))
+        return flat(numbers), tuple(flat(self.constants))

@@ -4,6 +4,7 @@ from quadctl.schemas.params import Params
 from quadctl.schemas.services import ResetRequest, ResetResponse
 from quadctl.schemas.topics import RESET
 from quadctl.services.dynamics.compiler import BackgroundCompiler
+from quadctl.services.dynamics.formation import Formation
 from quadctl.services.dynamics.simulation import Simulation
 from quadctl.services.runtime.entry import start
 from quadctl.services.runtime.followed_params import follow
@@ -12,6 +13,8 @@ from quadctl.services.runtime.params.load import launch_lines
 
 _compiler = BackgroundCompiler()
 """Shared by all vehicles of the process."""
+_formations: dict[int, Formation] = {}
+"""Formations of the process, by the number of the nodes that tick together."""
 
 
 def run(node: Node, params: Params) -> None:
@@ -23,7 +26,12 @@ def run(node: Node, params: Params) -> None:
     # For one vehicle in real time, plain Python is fast enough and needs far less memory.
     if many := not node.single or params.dynamics.speed != 1:
         _compiler.start()
-    simulation = Simulation(node, params, _compiler.single if many else None)
+    formation = None
+    if not (node.single or params.dynamics.in_lockstep):
+        if node.executor.group not in _formations:
+            _formations[node.executor.group] = Formation(node.executor.every_together, _compiler)
+        formation = _formations[node.executor.group]
+    simulation = Simulation(node, params, _compiler if many else None, formation)
 
     def reset(_request: ResetRequest) -> ResetResponse:
         simulation.reset(server.call.boot if server.call else "")
@@ -35,7 +43,10 @@ def run(node: Node, params: Params) -> None:
     follow(node, "safety", params, lambda: None)
     simulation.publish()
     simulation.advance_time()
-    node.every(simulation.tick_rate, simulation.tick)
+    try:
+        node.every(simulation.tick_rate, simulation.tick)
+    finally:
+        _formations.clear()  # a new session begins with new ones
 
 
 if __name__ == "__main__":

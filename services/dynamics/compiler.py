@@ -1,4 +1,4 @@
-"""Compilation of one vehicle in the background, and the cache of its machine code.
+"""Compilation of the vehicle's model in the background, and the cache of its machine code.
 
 Loading takes only llvmlite, and 0.1 s. Compiling takes numba and many times as long, so it runs in
 a separate process with low priority, which ends when its stdin is closed. Of several such processes
@@ -11,7 +11,6 @@ import logging
 import os
 import sys
 import threading
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,15 +23,15 @@ from quadctl.services.runtime.realm import write_atomically
 from quadctl.services.runtime.shutdown import die_with_parent
 
 if TYPE_CHECKING:
-    from quadctl.services.dynamics.compiled.single import Single
+    from quadctl.services.dynamics.compiled.aot import CompiledModel
 
 _log = logging.getLogger(__name__)
 _MAKING = (sys.executable, "-P", "-m", "quadctl.services.dynamics.compiler")
-_Function = ctypes.PYFUNCTYPE(
-    ctypes.c_int32, *[ctypes.c_void_p] * 4, ctypes.c_int64, ctypes.c_int64
-)
+_Function = ctypes.PYFUNCTYPE(ctypes.c_int32, *[ctypes.c_void_p] * 5, *[ctypes.c_int64] * 3)
 """Signature of numba's code: pointers for a result and an error, both unused, then arguments. It
 keeps the GIL: other threads have no use for a few microseconds of it."""
+_NO_MEMORY = "define linkonce_odr void @NRT_MemInfo_call_dtor(ptr %memory) { ret void }"
+"""Numba's release of an array: it is not there where the code runs, and the arrays are Python's."""
 _POLITE = 10
 """Nice level of the compiler (of 19): the vehicles keep flying."""
 
@@ -51,7 +50,7 @@ class Code(Struct, frozen=True):
         return Code(processor, function, machine, hashlib.sha256(machine).hexdigest())
 
 
-class MachineCode:
+class _MachineCode:
     """Loaded machine code."""
 
     def __init__(self, code: Code) -> None:
@@ -65,14 +64,28 @@ class MachineCode:
         self._engine.finalize_object()
         self._function = _Function(self._engine.get_function_address(code.function))
         self._unused = ctypes.create_string_buffer(8)
+        self._places: tuple[int, ...] = ()
 
-    def single(self) -> "Single":
-        """Return a compiled flight function for one vehicle."""
-        from quadctl.services.dynamics.compiled.single import FIXED, NUMBERS, Single
+    def use(self, numbers: bytearray, fixed: bytearray, block: bytearray) -> None:
+        """Fly these vehicles from now on, see `aot.Machine`."""
+        from quadctl.services.dynamics.compiled.aot import LINE
 
-        numbers, fixed = (ctypes.create_string_buffer(of.size) for of in (NUMBERS, FIXED))
-        places = (ctypes.addressof(each) for each in (self._unused, self._unused, numbers, fixed))
-        return Single(partial(self._function, *places), numbers, fixed)
+        self._memory = [
+            (ctypes.c_char * len(each)).from_buffer(each) for each in (numbers, fixed, block)
+        ]
+        unused, first, second, third = map(ctypes.addressof, (self._unused, *self._memory))
+        self._places = unused, unused, first, second, third + -third % LINE
+
+    def fly(self, count: int, start: int, steps: int) -> None:
+        """Fly the first so many vehicles, see `aot.Machine`."""
+        self._function(*self._places, count, start, steps)
+
+
+def load(code: Code) -> "CompiledModel":
+    """Return the compiled model."""
+    from quadctl.services.dynamics.compiled.aot import CompiledModel
+
+    return CompiledModel(_MachineCode(code))
 
 
 def stored() -> Code | None:
@@ -109,12 +122,10 @@ def target() -> Any:
 
 def _path() -> Path:
     # Imported here: a process with one vehicle in plain Python does not need it.
-    from quadctl.services.dynamics.compiled.single import single_source
+    from quadctl.services.dynamics.compiled.aot import aot_source
     from quadctl.services.dynamics.compiled.source import cache_folder
 
-    return (
-        cache_folder() / f"vehicle_{hashlib.sha256(single_source().encode()).hexdigest()[:12]}.bin"
-    )
+    return cache_folder() / f"vehicle_{hashlib.sha256(aot_source().encode()).hexdigest()[:12]}.bin"
 
 
 def main() -> None:
@@ -140,11 +151,12 @@ def made() -> Code:
     """Compile the model for this processor."""
     import llvmlite.binding as llvm
 
-    from quadctl.services.dynamics.compiled.single import single_source
+    from quadctl.services.dynamics.compiled.aot import aot_source
     from quadctl.services.dynamics.compiled.source import load_module
 
-    (text,) = load_module("vehicle", single_source()).fly.inspect_llvm().values()
+    (text,) = load_module("vehicle", aot_source()).fly.inspect_llvm().values()
     module, machine = llvm.parse_assembly(text), target()
+    module.link_in(llvm.parse_assembly(_NO_MEMORY))
     # Keep the exported function and its callees; drop numba's own.
     passes = llvm.create_new_module_pass_manager()
     passes.add_global_dead_code_eliminate_pass()
@@ -193,17 +205,14 @@ class BackgroundCompiler:
     """
 
     def __init__(self) -> None:
-        self._machine: MachineCode | None = None
+        self.model: CompiledModel | None = None
+        """The compiled model, None until there is one."""
         self._once = threading.Lock()
 
     def start(self) -> None:
         """Begin, unless begun already; safe to call from any thread."""
         if self._once.acquire(blocking=False):
             threading.Thread(target=self._fetch, name="compiler", daemon=True).start()
-
-    def single(self) -> "Single | None":
-        """Return a flight function for one vehicle, None until there is one."""
-        return self._machine.single() if self._machine else None
 
     def _fetch(self) -> None:
         if not _has_numba():
@@ -216,7 +225,7 @@ class BackgroundCompiler:
         if code is None:
             _log.warning("the vehicle could not be compiled: it keeps flying as plain Python")
             return
-        self._machine = MachineCode(code)
+        self.model = load(code)
         _log.info("the vehicle flies compiled")
 
 

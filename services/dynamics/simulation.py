@@ -12,7 +12,7 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -27,54 +27,18 @@ from quadctl.schemas.messages import (
     Setpoint,
     Velocity,
 )
-from quadctl.schemas.params import FROM_STANDSTILL, DynamicsParams, FlightFaultParams, Params
+from quadctl.schemas.params import FROM_STANDSTILL, DynamicsParams, Params
 from quadctl.schemas.topics import POSE, POSE_SLOW, POSES, SETPOINT
 from quadctl.services.airspace import airworthiness
-from quadctl.services.dynamics.vehicle import Fly, Vehicle
+from quadctl.services.dynamics.compiler import BackgroundCompiler
+from quadctl.services.dynamics.faulty_pose import FaultyPose
+from quadctl.services.dynamics.formation import Formation
+from quadctl.services.dynamics.vehicle import Vehicle
 from quadctl.services.runtime.errors import Refused
+from quadctl.services.runtime.executor import Executor
 from quadctl.services.runtime.goal_latch import GoalLatch
 from quadctl.services.runtime.node import Node
 from quadctl.services.runtime.params.names import flatten
-
-_LONGEST = 10.0
-"""Seconds of poses that are kept: the most that `dynamics.fault.delay` can need."""
-_SLACK = 1e-6
-"""Rounding error (s) of times that are multiples of a period."""
-
-
-class FaultyPose:
-    """Poses as the fault in force changes them; a new fault counts at once."""
-
-    def __init__(self, params: FlightFaultParams) -> None:
-        self._params = params
-        self._past: deque[Pose] = deque()
-        self._given: Pose | None = None
-
-    def through(self, pose: Pose) -> Pose:
-        """Return the pose to publish for a true pose."""
-        if self._params.pose == "none":
-            self._past.clear()
-        else:
-            if self._past and self._past[-1].boot != pose.boot:
-                self._past.clear()
-            self._past.append(pose)
-            while self._past[0].stamp < pose.stamp - _LONGEST:
-                self._past.popleft()
-            pose = self._faulty(pose)
-        self._given = pose
-        return pose
-
-    def _faulty(self, pose: Pose) -> Pose:
-        match self._params.pose:
-            case "frozen":
-                return self._given or pose
-            case "delayed":
-                then = pose.stamp - self._params.delay + _SLACK
-                return next(
-                    (old for old in reversed(self._past) if old.stamp <= then), self._past[0]
-                )
-        place = structs.replace(pose.position, x=pose.position.x + self._params.jump)
-        return structs.replace(pose, position=place)
 
 
 def still_in_force(flown: DynamicsParams, wanted: DynamicsParams) -> dict[str, Any]:
@@ -110,12 +74,16 @@ class Simulation:
     """Boots of the vehicle, one after another, and the setpoints that each follows."""
 
     def __init__(
-        self, node: Node, params: Params, faster: Callable[[], Fly | None] | None = None
+        self,
+        node: Node,
+        params: Params,
+        compiler: BackgroundCompiler | None = None,
+        formation: Formation | None = None,
     ) -> None:
-        """Start the first boot; ask `faster` before each pose until it returns a function."""
+        """Start the first boot; fly by the `compiler`, if any, once it has a model, and in the `formation`."""
         self._node, self._params = node, params.dynamics
         self._in_lockstep = params.dynamics.in_lockstep
-        self._faster = faster
+        self._compiler, self._formation = compiler, formation
         self._reported = FaultyPose(params.dynamics.fault)
         self._boots: set[str] = set()
         self._limited: list[str] = []
@@ -149,7 +117,7 @@ class Simulation:
 
     def boot(self, name: str = "") -> None:
         """Put the vehicle on its start, as a new boot that ignores old setpoints."""
-        self._vehicle, self._is_fast = Vehicle(self._params), False
+        self.vehicle, self._is_fast = Vehicle(self._params), False
         self._boot, self._seq, self._period = name or os.urandom(4).hex(), 0, -1
         self._boots.add(self._boot)
         self._answered, self._braked, self._last_setpoint = -1, True, 0.0
@@ -168,7 +136,7 @@ class Simulation:
 
     def configure(self) -> None:
         """Take the parameters' new values; the start counts from the next boot."""
-        self._vehicle.configure(self._params)
+        self.vehicle.configure(self._params)
         self._wakes = True
         if self._lands:
             # Safety judges the same change, and its next goal may come before the next pose.
@@ -185,13 +153,14 @@ class Simulation:
 
     def in_force(self) -> dict[str, Any]:
         """Return the values still in force, by name, of parameters that wait for a standstill."""
-        return still_in_force(self._vehicle.in_force, self._params)
+        return still_in_force(self.vehicle.in_force, self._params)
 
     def tick_rate(self) -> float:
-        """Return the rate of the next ticks, Hz.
+        """Return the rate of the vehicle's own next ticks, Hz.
 
         While nobody subscribes to the poses between those that safety answers, or at full speed, a tick
         flies all of them at once: each tick or wake costs more than the flight between two poses.
+        Among others it then flies at the ticks of its formation.
         """
         rate, speed = self._params.rate, self._params.speed
         if self._in_lockstep and speed:
@@ -201,13 +170,32 @@ class Simulation:
             self._poses_per_tick = max(1, int(rate / POSE_SLOW.hz))
             return math.inf
         if self._rest and not (self._wakes or self._is_seen):
-            return _AT_REST
+            return self._alone_at(_AT_REST)
         waits = not self._answer_is_due or rate % POSE_SLOW.hz or self.poses.has_subscribers
         self._poses_per_tick = 1 if waits else int(rate / POSE_SLOW.hz)
-        return rate / self._poses_per_tick
+        rate /= self._poses_per_tick
+        if self._formation and rate == POSE_SLOW.hz:
+            self._formation.add(self)
+            return _AT_REST
+        return self._alone_at(rate)
+
+    def _alone_at(self, rate: float) -> float:
+        if self._formation:
+            self._formation.remove(self)
+        return rate
 
     def tick(self, now: float) -> None:
-        """Fly up to a time on the monotonic clock, s, as if each pose had its own tick."""
+        """Fly up to a time on the monotonic clock, s, unless its formation does."""
+        if not (self._formation and self in self._formation):
+            self.fly(now)
+
+    def fly(self, now: float) -> None:
+        """Fly up to a time on the monotonic clock, s."""
+        for steps in self.flights(now):
+            self.vehicle.advance(steps)
+
+    def flights(self, now: float) -> Iterator[int]:
+        """Yield how many steps to fly, for the caller to do so, up to a time (monotonic s), as if each pose had its own tick."""
         poses = self._poses_per_tick
         if self._rest and self._part:
             if self._part.beats == self._rested:
@@ -216,10 +204,15 @@ class Simulation:
             poses, self._rest = round(self._params.rate / POSE_SLOW.hz), 0
         while poses and not self._node.stopping:
             poses -= 1
-            self._fly_one_pose(now - poses / self._params.rate)
+            then = now - poses / self._params.rate
+            self._prepare(then)
+            yield self._steps(1)
+            self._arrive(1)
+            self._last_tick = then
             if poses and self._has_no_event(now):
                 self._last_tick = now
-                self._advance(poses)
+                yield self._steps(poses)
+                self._arrive(poses)
                 poses = 0
 
     def _has_no_event(self, now: float) -> bool:
@@ -230,8 +223,18 @@ class Simulation:
             or (self._arrived and self._arrived[0][0] <= now)
             or (now - self._last_setpoint > self._params.setpoint_timeout and not self._braked)
             or self._params.fault.pose != "none"
-            or self._vehicle.has_waiting
+            or self.vehicle.has_waiting
         )
+
+    @property
+    def executor(self) -> Executor:
+        """Return the loop of the vehicle's node."""
+        return self._node.executor
+
+    @property
+    def rests(self) -> bool:
+        """Return whether the vehicle repeats its pose until it gets another setpoint."""
+        return self._rest > 0
 
     @property
     def _is_seen(self) -> bool:
@@ -245,7 +248,7 @@ class Simulation:
         """
         return (
             not self._node.is_first
-            and self._vehicle.is_still
+            and self.vehicle.is_still
             and self._poses_per_tick == self._params.rate / POSE_SLOW.hz
             and self._answered >= self._asked
             and self._params.fault.pose == "none"
@@ -257,7 +260,7 @@ class Simulation:
         if self._rest and self._part and (passed := self._part.beats - self._rested - 1) > 0:
             self._rested += passed
             self._seq += passed * self._rest
-            self._vehicle.rest(passed * _STEPS_PER_PERIOD)
+            self.vehicle.rest(passed * _STEPS_PER_PERIOD)
             self._mark()
             # No setpoint answers a repetition, so none is missing.
             now, passing = time.monotonic(), passed / POSE_SLOW.hz
@@ -272,7 +275,8 @@ class Simulation:
         self._wakes = True
         self._node.retime()
 
-    def _fly_one_pose(self, now: float) -> None:
+    def _prepare(self, now: float) -> None:
+        """Follow the setpoints up to a time (monotonic s), or brake without any."""
         params = self._params
         if self._in_lockstep:
             self._wait_for_safety()
@@ -286,14 +290,15 @@ class Simulation:
                 self._last_tick and own > max(params.grace, params.setpoint_timeout)
             ):
                 self._brake()
-        self._advance()
-        self._last_tick = now
 
-    def _advance(self, poses: int = 1) -> None:
-        """Fly the time of so many poses, and publish the last one."""
-        if self._faster and not self._is_fast and (fly := self._faster()):
-            self._vehicle.fly, self._is_fast = fly, True
-        self._vehicle.advance(poses * round(_STEPS_PER_SECOND / self._params.rate))
+    def _steps(self, poses: int) -> int:
+        """Return the steps up to the pose after so many, which the vehicle flies compiled if it can."""
+        if self._compiler and not self._is_fast and (fly := self._compiler.model):
+            self.vehicle.fly, self._is_fast = fly, True
+        return poses * round(_STEPS_PER_SECOND / self._params.rate)
+
+    def _arrive(self, poses: int) -> None:
+        """Publish the pose after so many."""
         self._mark()
         if self._answer_is_due:
             self._hold_or_land()
@@ -305,7 +310,7 @@ class Simulation:
 
     def _hold_or_land(self) -> None:
         """Begin or continue a landing if the vehicle cannot hold itself; end it when it can."""
-        vehicle = self._vehicle
+        vehicle = self.vehicle
         flown = vehicle.in_force
         if flown is not self._judged:
             # A change replaces them; judging 20 times a second would cost each hover.
@@ -376,7 +381,7 @@ class Simulation:
         self._batch.clear()
 
     def _pose(self) -> Pose:
-        state = self._vehicle.state
+        state = self.vehicle.state
         return Pose(
             self._boot, self._seq, self._stamp, Position(*state[:3]), Velocity(*state[3:6]),
             Quaternion(*state[6:10]), BodyRates(*state[10:13]),
@@ -389,7 +394,7 @@ class Simulation:
             self._node.log.warning(
                 "no setpoint for %g s: braking to a hover", self._params.setpoint_timeout
             )
-            self._vehicle.brake()
+            self.vehicle.brake()
             self._latch.stopped()
             self._alone = True
 
@@ -416,7 +421,7 @@ class Simulation:
 
     @property
     def _stamp(self) -> float:
-        return self._vehicle.steps / _STEPS_PER_SECOND
+        return self.vehicle.steps / _STEPS_PER_SECOND
 
     def _is_answered(self) -> bool:
         self._follow_until(math.inf)
@@ -461,9 +466,9 @@ class Simulation:
         if command := self._command:
             self._command = None
             if command.brake:
-                self._vehicle.brake()
+                self.vehicle.brake()
             else:
-                self._vehicle.goto(*structs.astuple(command.position))
+                self.vehicle.goto(*structs.astuple(command.position))
 
     def _follows_already(self, setpoint: Setpoint) -> bool:
         """Return whether this setpoint repeats the one that the vehicle follows, in all but its number."""

@@ -10,7 +10,7 @@ from math import ceil
 
 from msgspec.structs import replace
 
-from quadctl.schemas.params import DynamicsParams
+from quadctl.schemas.params import DynamicsParams, by_value
 from quadctl.services.airspace.airworthiness import LAGS_TO_SPIN_UP
 from quadctl.services.dynamics import flight_modes, trajectory, wind
 from quadctl.services.dynamics.controller import PERIOD, control_constants
@@ -35,12 +35,17 @@ Fly = Callable[[State, Motors, Plan, FlightMode, Air, Constants, int, int], Lane
 """`flight_modes.fly`, or its bit-identical compiled form."""
 
 
+@by_value
+def _one(constants: Constants) -> Constants:
+    return constants
+
+
 def constants_of(params: DynamicsParams) -> Constants:
-    """Return the constants of the model."""
+    """Return the constants of the model: one object for vehicles alike, which can fly as one."""
     vehicle = params.vehicle
     # The controller does not know of a motor fault.
     thrust = params.fault.motors * vehicle.thrust_coefficient
-    return (
+    return _one((
         body_constants(replace(vehicle, thrust_coefficient=thrust)),
         control_constants(params),
         mixer_constants(vehicle, PERIOD),
@@ -48,7 +53,7 @@ def constants_of(params: DynamicsParams) -> Constants:
         vehicle.mass * vehicle.gravity,
         float(ceil(LAGS_TO_SPIN_UP * vehicle.motor_lag / PERIOD)),
         weather_of(params),
-    )
+    ))  # fmt: skip
 
 
 def initial(params: DynamicsParams) -> Lane:
@@ -84,7 +89,7 @@ class Vehicle:
         self.in_force = deepcopy(params)
         """The parameters that it flies by."""
         self._wanted: DynamicsParams | None = None
-        self._constants = constants_of(params)
+        self.constants = constants_of(params)
         self._state, self._command, self._plan, self._mode, self._air = initial(params)
 
     def configure(self, params: DynamicsParams) -> None:
@@ -93,7 +98,7 @@ class Vehicle:
         Wind and faults take effect at once; body, gains and limits at the next standstill. A later
         call replaces values that still wait.
         """
-        now, limits = self.in_force, self._constants[3]
+        now, limits = self.in_force, self.constants[3]
         wanted = deepcopy(params)
         self._use(replace(wanted, vehicle=now.vehicle, control=now.control), limits)
         waits = (wanted.vehicle, wanted.control, limits_of(wanted)) != (
@@ -104,9 +109,9 @@ class Vehicle:
 
     def _use(self, params: DynamicsParams, limits: Limits) -> None:
         made = constants_of(params)
-        self.in_force, self._constants = params, (*made[:3], limits, *made[4:])
+        self.in_force, self.constants = params, _one((*made[:3], limits, *made[4:]))
         self._mode = flight_modes.woken(self._mode)
-        self._air = wind.changed(self._air, self._constants[6])
+        self._air = wind.changed(self._air, self.constants[6])
 
     def _settle(self) -> None:
         """Adopt waiting parameters if the vehicle is on the floor or its setpoint at rest."""
@@ -117,7 +122,7 @@ class Vehicle:
         self._use(wanted, limits_of(wanted))
         self._wanted = None
         x, y, z = (axis[3] for axis in self._plan[:3])
-        self._plan = trajectory.resting(x, y, z, self._constants[3])
+        self._plan = trajectory.resting(x, y, z, self.constants[3])
         if before > 0:
             # A body that changes in the air stays at rest: its motors turn as its weight requires. After
             # a landing they still turn, and must not lift a lighter body, or one with better rotors.
@@ -170,7 +175,7 @@ class Vehicle:
     @property
     def setpoint(self) -> Vector:
         """Return the present setpoint's position, m, world."""
-        return flight_modes.place(self._plan, self._constants[3])
+        return flight_modes.place(self._plan, self.constants[3])
 
     @property
     def goal(self) -> Vector:
@@ -183,7 +188,7 @@ class Vehicle:
     @property
     def setpoint_rests(self) -> bool:
         """Return whether the setpoint rests on the goal, wherever the vehicle is."""
-        return trajectory.at_rest(self._plan, self._constants[3])
+        return trajectory.at_rest(self._plan, self.constants[3])
 
     @property
     def has_waiting(self) -> bool:
@@ -203,25 +208,31 @@ class Vehicle:
     def stand(self) -> None:
         """Let the motors idle, with the setpoint on the floor below."""
         x, y, _ = self.position
-        self._plan = trajectory.resting(x, y, 0.0, self._constants[3])
+        self._plan = trajectory.resting(x, y, 0.0, self.constants[3])
         self._mode = fresh(standing=True)
 
     def goto(self, x: float, y: float, z: float) -> None:
         """Fly to this point, m, world; a repeated goal changes nothing."""
         self._plan, self._mode = flight_modes.goto(
-            self._plan, self._mode, x, y, z, self._constants[5], self._constants[3]
+            self._plan, self._mode, x, y, z, self.constants[5], self.constants[3]
         )
 
     def brake(self) -> None:
         """Come to rest as soon as the setpoint can; while braking, change nothing."""
-        self._plan, self._mode = flight_modes.brake(self._plan, self._mode, self._constants[3])
+        self._plan, self._mode = flight_modes.brake(self._plan, self._mode, self.constants[3])
 
     def advance(self, steps: int) -> None:
         """Run this many integration steps of 1 ms; every fourth since boot is a control step."""
-        self._state, self._command, self._plan, self._mode, self._air = self.fly(
-            self._state, self._command, self._plan, self._mode, self._air,
-            self._constants, self.steps, steps,
-        )  # fmt: skip
+        self.take(self.fly(*self.lane, self.constants, self.steps, steps), steps)
+
+    @property
+    def lane(self) -> Lane:
+        """Return the full state."""
+        return self._state, self._command, self._plan, self._mode, self._air
+
+    def take(self, lane: Lane, steps: int) -> None:
+        """Take the full state that these steps lead to."""
+        self._state, self._command, self._plan, self._mode, self._air = lane
         self.steps += steps
         self._settle()
 

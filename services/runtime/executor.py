@@ -15,7 +15,7 @@ from queue import Empty, SimpleQueue
 from types import FrameType
 from typing import Any
 
-from quadctl.schemas.topics import period
+from quadctl.services.runtime.beat import Beat
 
 Item = Callable[[], None]
 
@@ -73,55 +73,6 @@ class Outbox:
 
 _BURST = 50
 """Most items that a loop serves before a tick that is due, some 5 ms: a flood must not delay it."""
-_LATE = 0.1
-"""Lateness (s) beyond which a loop drops the ticks that it missed, and goes on in phase."""
-
-
-class _Beat:
-    """Times of ticks, counted and not added up, so that none is lost to rounding.
-
-    A callable rate (Hz) is read at every tick and after `retime`; a new rate counts from the last tick.
-    With an `origin` (monotonic s), ticks of equal rates are at the same times, to the microsecond.
-    """
-
-    def __init__(self, hz: float | Callable[[], float], origin: float | None) -> None:
-        self._rate_now, self._origin = hz if callable(hz) else lambda: hz, origin
-        self._rate = self._rate_now()
-        self._last = self._begin(time.monotonic(), 0)
-
-    def _begin(self, now: float, count: int) -> float:
-        """Count anew from a time (monotonic s), or from the last common tick before; return that."""
-        if self._origin is not None and self._rate < inf:
-            now = self._origin + period(now - self._origin, self._rate) / self._rate
-        self._count_from(now, count)
-        return now
-
-    def _count_from(self, start: float, count: int) -> None:
-        self._start, self._count = start, count
-        self.due = round(start + count / self._rate, 6)
-        """Time of the next tick, monotonic s."""
-
-    def is_due(self, now: float) -> bool:
-        """Return whether the next tick is due, at its rate as it is now."""
-        if (rate := self._rate_now()) != self._rate:
-            self._rate = rate
-            self._begin(self._last, 1)
-            self._drop_missed(now)
-            return False
-        if now < self.due:
-            return False
-        # Not `now`: with each new rate, loops would drift apart that tick together.
-        self._last = self.due
-        return True
-
-    def passed(self) -> None:
-        """Count a tick."""
-        self._count_from(self._start, self._count + 1)
-        self._drop_missed(time.monotonic())
-
-    def _drop_missed(self, now: float) -> None:
-        if now > self.due + _LATE and self._rate < inf:
-            self._count_from(self.due + period(now - self.due, self._rate) / self._rate, 1)
 
 
 class Executor:
@@ -138,9 +89,12 @@ class Executor:
         origin: float | None = None,
         outbox: Outbox | None = None,
         schedule: "_Schedule | None" = None,
+        group: int = 0,
     ) -> None:
         self._inbox, self._origin = CallbackQueue() if inbox is None else inbox, origin
         self._outbox, self._schedule = outbox, schedule
+        self.group = group
+        """Number of the nodes that tick together, of all of the thread."""
         self._ticker: _Ticker | None = None
         self._sources: tuple[Callable[[], None], ...] = ()
         self._retimed = False
@@ -164,19 +118,29 @@ class Executor:
 
     def join_in(self, item: Item) -> None:
         """Do the same, but leave what it defers for a flush by the caller."""
-        if not self._turn.acquire(blocking=False):
+        if not self.take_turn():
             self.post(item)
             return
         try:
-            # A loop in `wait_for` must check its condition afterwards.
-            if self.waits or len(self._inbox):
-                self.post(item)
-            else:
-                item()
+            item()
         except BaseException as error:  # noqa: BLE001 - raised again where it ends the process
             self.post(partial(_fail, error))
         finally:
+            self.end_turn()
+
+    def take_turn(self) -> bool:
+        """Let nothing else run until `end_turn`; return False, and do nothing, if the loop is not idle."""
+        if not self._turn.acquire(blocking=False):
+            return False
+        # A loop in `wait_for` must check its condition afterwards.
+        if self.waits or len(self._inbox):
             self._turn.release()
+            return False
+        return True
+
+    def end_turn(self) -> None:
+        """End the turn that `take_turn` began."""
+        self._turn.release()
 
     def post(self, item: Item) -> None:
         """Enqueue an item for the loop; safe to call from any thread."""
@@ -219,7 +183,7 @@ class Executor:
 
     def ticks(self, hz: float | Callable[[], float]) -> Iterator[float]:
         """Yield monotonic seconds at a rate, which may change, until stopped; serve the queue in between."""
-        beat = _Beat(hz, self._origin)
+        beat = Beat(hz, self._origin)
         while self._serve_until(beat.due):
             now = time.monotonic()
             if beat.is_due(now):
@@ -236,9 +200,25 @@ class Executor:
             for now in self.ticks(hz):
                 tick(now)
         else:
-            self._ticker = _Ticker(self, _Beat(hz, self._origin), tick, self._schedule)
+            self._ticker = _Ticker(
+                self, Beat(hz, self._origin), self._in_turn(tick), self._schedule
+            )
             self._schedule(self._ticker, self._ticker.beat.due)
             self.spin()
+
+    def _in_turn(self, tick: Callable[[float], None]) -> Callable[[float], None]:
+        def polled(now: float) -> None:
+            self.poll()
+            tick(now)
+
+        return lambda now: self.join_in(partial(polled, now))
+
+    def every_together(self, hz: Callable[[], float], tick: Callable[[float], None]) -> Item:
+        """Call `tick` as `every` does, among several nodes, but in no turn; return a function to read the rate again."""
+        assert self._schedule is not None  # noqa: S101 - of several nodes
+        ticker = _Ticker(self, Beat(hz, self._origin), tick, self._schedule)
+        self._schedule(ticker, ticker.beat.due)
+        return partial(self.post, ticker.resume)
 
     def spin(self) -> None:
         """Serve the queue until stopped."""
@@ -349,10 +329,13 @@ class MultiNodeExecutor:
         """Return the event loop for one node."""
         if self._single:
             return Executor()
-        queue = _GreenletQueue(self._runnable.put, self._sleep)
-        origin = self._origin + len(self._queues) // _TOGETHER * _APART - len(self._queues) * _SLOT
+        queue, group = (
+            _GreenletQueue(self._runnable.put, self._sleep),
+            len(self._queues) // _TOGETHER,
+        )
+        origin = self._origin + group * _APART - len(self._queues) * _SLOT
         self._queues.append(queue)
-        return Executor(queue, origin, self.outbox, self._at)
+        return Executor(queue, origin, self.outbox, self._at, group)
 
     def add_node(self, loop: Executor, run: Callable[[], None]) -> None:
         """Add a node; `run` must return when its loop is stopped."""
@@ -436,10 +419,10 @@ class MultiNodeExecutor:
 
 
 class _Ticker:
-    """Ticks of a loop beside others, each an inline item of it."""
+    """Ticks of a loop beside others."""
 
     def __init__(
-        self, loop: Executor, beat: _Beat, tick: Callable[[float], None], schedule: "_Schedule"
+        self, loop: Executor, beat: Beat, tick: Callable[[float], None], schedule: "_Schedule"
     ) -> None:
         self.timer = -1  # the number of its last timer
         self.beat = beat
@@ -451,13 +434,9 @@ class _Ticker:
             return
         now = time.monotonic()
         if self.beat.is_due(now):
-            self._loop.join_in(partial(self._run, now))
+            self._tick(now)
             self.beat.passed()
         self._schedule(self, self.beat.due)
-
-    def _run(self, now: float) -> None:
-        self._loop.poll()
-        self._tick(now)
 
 
 class _GreenletQueue(CallbackQueue):

@@ -11,7 +11,7 @@ from quadctl.schemas.messages import Position, Velocity
 from quadctl.schemas.params import DynamicsParams, SafetyParams, StartParams
 from quadctl.schemas.topics import SETPOINT
 from quadctl.services.airspace import airworthiness
-from quadctl.services.dynamics.compiler import MachineCode
+from quadctl.services.dynamics.compiler import load
 from quadctl.services.dynamics.vehicle import Vehicle
 from quadctl.services.safety.model import State
 from quadctl.services.safety.monitor import Monitor
@@ -19,7 +19,7 @@ from quadctl.services.safety.traffic import Traffic
 from tests.support.compiled import compiled_vehicle
 from tests.support.worlds import POSE
 
-machine = cache(lambda: MachineCode(compiled_vehicle()))
+model = cache(lambda: load(compiled_vehicle()))
 LOOKS = 5
 """Looks at the vehicle in a period of the setpoint, 10 ms each."""
 _LOOK_MS = round(1000 / SETPOINT.hz) // LOOKS
@@ -44,7 +44,7 @@ class MonitoredVehicle:
         self.law = airworthiness.stopping_law(*flies)
         self.monitor.set_vehicle(*flies)
         self.vehicle = Vehicle(dynamics)
-        self.vehicle.fly = machine().single()
+        self.vehicle.fly = model()
         self._sent: object = None
 
     @property

@@ -81,13 +81,21 @@ def kernel_source() -> str:
     positions and velocities. `goto` and `brake` command one vehicle, by its block and its lane;
     `room` returns the room for its stop. Each is compiled at its first call; numba caches it beside the module.
     """
+    return block_source() + _FLY + COMMANDS
+
+
+def block_source(*others: str) -> str:
+    """Return a module whose `_advance(q, c, start, steps)` runs steps of one block, with its constants.
+
+    It has the other functions of the model, too.
+    """
     inlined = {function.name for function in merged(_TOGETHER)}
     parts = [_HEAD]
-    for function in merged((*_TOGETHER, *_ALONE)):
+    for function in merged((*_TOGETHER, *_ALONE, *others)):
         inline = "forceinline=True" if function.name in inlined else "inline='never'"
         parts += [f"@njit(error_model='numpy', {inline})", ast.unparse(function)]
     moves = [_move(weather, steps) for weather in _FLOW for steps in (1, 2)]
-    return "\n".join([*parts, *_rows(), *moves, _KERNEL, COMMANDS, ""])
+    return "\n".join([*parts, *_rows(), *moves, _BLOCK])
 
 
 def _move(weather: str, steps: int) -> str:
@@ -164,7 +172,7 @@ _PUT_PLAN = "\n".join(
 )
 """One by one: numba cannot type a tuple of so many conditional expressions."""
 
-_KERNEL = f"""
+_BLOCK = f"""
 @njit(forceinline=True)
 def _plan_of(v):
     return (v[0:9], v[9:18], v[18:27], v[27], v[28], v[29], v[30])
@@ -261,7 +269,9 @@ def _advance(q, c, start, steps):
         else:
             _calm2(q, c) if pair else _calm1(q, c)
         count += 2 if pair else 1
+"""
 
+_FLY = f"""
 @njit(error_model='numpy', nogil=True, cache=True)
 def fly(blocks, constants, start, steps, motions):
     for b in range(blocks.shape[0]):

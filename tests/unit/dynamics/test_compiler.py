@@ -13,17 +13,17 @@ def test_compilation_runs_in_the_background(monkeypatch: pytest.MonkeyPatch):
     compiled_vehicle()
     monkeypatch.setenv("XDG_CACHE_HOME", str(CACHE))
     background = BackgroundCompiler()
-    assert background.single() is None
+    assert background.model is None
     for _ in range(3):
         background.start()
-    eventually(lambda: background.single() is not None)
+    eventually(lambda: background.model is not None)
 
 
 def test_without_numba_nothing_is_compiled(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     without = BackgroundCompiler()
     without._fetch()
-    assert without.single() is None
+    assert without.model is None
 
 
 def test_a_failed_compilation_is_logged(
@@ -33,5 +33,5 @@ def test_a_failed_compilation_is_logged(
     monkeypatch.setattr(compiler, "stored", lambda: None)
     without = BackgroundCompiler()
     without._fetch()
-    assert without.single() is None
+    assert without.model is None
     assert "could not be compiled" in caplog.text

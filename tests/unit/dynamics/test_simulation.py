@@ -10,7 +10,8 @@ from msgspec import structs
 from quadctl.schemas.messages import BodyRates, Pose, Position, Quaternion, Setpoint, Velocity
 from quadctl.schemas.params import DynamicsParams, FlightFaultParams, Params
 from quadctl.schemas.topics import POSE, POSE_SLOW, SETPOINT
-from quadctl.services.dynamics.simulation import FaultyPose, Simulation
+from quadctl.services.dynamics.faulty_pose import FaultyPose
+from quadctl.services.dynamics.simulation import Simulation
 from quadctl.services.dynamics.vehicle import Vehicle
 from quadctl.services.runtime.goal_latch import GoalLatch
 from quadctl.services.runtime.node import Node
@@ -123,7 +124,7 @@ class Blown:
         self.params.dynamics.lockstep = lockstep
         self.node = FakeNode("dynamics", self.params, [], [])
         self.simulation = Simulation(cast("Node", self.node), self.params)
-        self.vehicle = self.simulation._vehicle
+        self.vehicle = self.simulation.vehicle
         self.goal = Position(0.0, 0.0, 1.5)
 
     def fly(self, seconds: float) -> None:
@@ -180,12 +181,12 @@ def test_limits_that_follow_from_a_wind_wait_for_a_standstill():
     blown = Blown()
     blown.goal = Position(4.0, 0.0, 1.5)
     blown.fly(0.5)
-    limits = blown.vehicle._constants[3]
+    limits = blown.vehicle.constants[3]
     blown.params.dynamics.wind.mean.x = -6.0
     blown.simulation.configure()
-    assert blown.vehicle._constants[3] == limits
+    assert blown.vehicle.constants[3] == limits
     blown.fly(8.0)
-    assert blown.vehicle._constants[3][1] < limits[1]
+    assert blown.vehicle.constants[3][1] < limits[1]
     assert dist(blown.vehicle.position, (4.0, 0.0, 1.5)) < 0.01
 
 
@@ -218,7 +219,7 @@ def test_a_tick_for_several_poses_flies_as_a_tick_for_each(late: float):
                 simulation.tick(now)
         published = [m for topic, m in blown.node.published if topic == POSE_SLOW.name]
         assert len(published) == 1 + 900 / 5
-        flown.append((simulation._vehicle.state, published))
+        flown.append((simulation.vehicle.state, published))
     assert flown[0] == flown[1]
 
 

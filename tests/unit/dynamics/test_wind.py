@@ -29,7 +29,7 @@ from quadctl.services.dynamics.wind import (
     noise,
     weather_of,
 )
-from tests.support.monitored_vehicle import machine
+from tests.support.monitored_vehicle import model
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 STILL = (0.0, 0.0, 0.0)
@@ -195,7 +195,7 @@ def test_wind_moves_a_vehicle_less_than_it_adds_to_the_margin(body: Body, wind: 
     for seed, height in ((1, 0.0), (2, 2.0)):  # it leaves the floor, or hovers
         chosen = params(mean=(wind, 0.0, 0.0), gust=gust, seed=seed, z=height)
         vehicle = Vehicle(replace(chosen, vehicle=body.vehicle, control=body.control))
-        vehicle.fly = machine().single()
+        vehicle.fly = model()
         vehicle.goto(0.0, 0.0, 2.0)
         for _ in range(3000):
             vehicle.advance(10)

@@ -7,8 +7,8 @@ import pytest
 
 from quadctl.schemas.params import DynamicsParams
 from quadctl.services.dynamics import flight_modes
-from quadctl.services.dynamics.compiler import Code, MachineCode, store, stored
-from quadctl.services.dynamics.vehicle import Fly, Vehicle
+from quadctl.services.dynamics.compiler import Code, load, store, stored
+from quadctl.services.dynamics.vehicle import Vehicle
 from tests.support.compiled import compiled_vehicle
 from tests.unit.dynamics.compiled.test_fleet import vehicles
 
@@ -40,12 +40,11 @@ def command(draws: random.Random, params: DynamicsParams, *several: Vehicle) -> 
 
 @pytest.mark.parametrize("number", range(3))
 def test_compiled_flight_equals_plain_python_and_may_alternate(code: Code, number: int):
-    draws, params, machine = random.Random(number), vehicles(3, 5)[number], MachineCode(code)
+    draws, params, model = random.Random(number), vehicles(3, 5)[number], load(code)
     plain, other = Vehicle(params), Vehicle(params)
-    single: Fly = machine.single()
     for _ in range(40):
         command(draws, params, plain, other)
-        other.fly = draws.choice([single, single, flight_modes.fly])
+        other.fly = model if draws.random() < 0.7 else flight_modes.fly
         for _ in range(draws.choice([1, 40, 200])):
             piece = draws.choice([1, 3, 10])
             plain.advance(piece)
@@ -54,16 +53,33 @@ def test_compiled_flight_equals_plain_python_and_may_alternate(code: Code, numbe
 
 
 def test_each_vehicle_has_its_own_state(code: Code):
-    machine = MachineCode(code)
+    model = load(code)
     params = vehicles(2, 1)
     both, alone = [Vehicle(each) for each in params], Vehicle(params[0])
     for vehicle in (*both, alone):
-        vehicle.fly = machine.single()
+        vehicle.fly = model
     for _ in range(100):
         for vehicle in (*both, alone):
             vehicle.goto(1.0, 1.0, 1.0)
             vehicle.advance(10)
     assert everything(both[0]) == everything(alone) != everything(both[1])
+
+
+@pytest.mark.parametrize("count", [1, 9, 10, 64, 65])
+def test_many_fly_in_blocks_as_each_alone(code: Code, count: int):
+    draws, model = random.Random(count), load(code)
+    for params in vehicles(3, count):
+        several = [Vehicle(params) for _ in range(count)]
+        for vehicle in several:
+            vehicle.fly = model
+            vehicle.goto(draws.uniform(-4, 4), draws.uniform(-4, 4), draws.choice([0.0, 1.0, 3.0]))
+        for _ in range(20):
+            start, steps = several[0].steps, draws.choice([1, 3, 10, 50])
+            lanes = [each.lane for each in several]
+            flown = model.fly(lanes, several[0].constants, start, steps)
+            for vehicle in several:
+                vehicle.advance(steps)
+            assert repr(flown) == repr([each.lane for each in several])
 
 
 @pytest.mark.thorough

@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -89,18 +90,11 @@ class _Inbox:
                     self._pass_on(*self._unread.popleft())
 
     def _pass_on(self, now: float, payload: bytes) -> None:
-        encoding = ""
         try:
-            process, count, parts = self._decoder.decode(payload)
-        except codec.UNREADABLE:
-            # One bad message must not cost the other vehicles theirs.
-            encoding = _encoding(self._topic)
-            try:
-                process, count, undecoded = _undecoded.decode(payload)
-                parts = [(vehicle, bytes(part), 0) for vehicle, part, _ in undecoded]
-            except codec.UNREADABLE as error:
-                _log.warning("ignored a message on %s: %s", self._key, error)
-                return
+            process, count, parts, encoding = self._parts_of(payload)
+        except codec.UNREADABLE as error:
+            _log.warning("ignored a message on %s: %s", self._key, error)
+            return
         if process != self._process:
             # Whatever rested by the beats of one that ended repeats nothing any more.
             self._process, self._beats = process, Beats()
@@ -116,6 +110,27 @@ class _Inbox:
             beats.count = count
             for subscription in self._eager.copy():
                 subscription.take_beat()
+
+    def _parts_of(self, payload: bytes) -> tuple[int, int, list[tuple[str, Any, int]], str]:
+        """Return a process, its beats, messages of vehicles with their steps, and the encoding of undecoded ones.
+
+        What waits for its loop for a second is a quarter as large undecoded: decoded, the poses of a hundred
+        vehicles leave the processor's caches. Nor must one bad message cost the other vehicles theirs.
+        """
+        if self._eager or self._waking:
+            with suppress(*codec.UNREADABLE):
+                return *self._decoder.decode(payload), ""
+        process, count, undecoded = _undecoded.decode(payload)
+        parts = [(vehicle, *self._part(part, rest)) for vehicle, part, rest in undecoded]
+        return process, count, parts, _encoding(self._topic)
+
+    def _part(self, part: Raw, rest: int) -> tuple[Any, int]:
+        """Return a message and its step: decoded if the vehicle repeats it."""
+        if rest:
+            type_: Any = self._topic.type
+            with suppress(*codec.UNREADABLE):
+                return codec.decoder(type_).decode(part), rest
+        return bytes(part), 0
 
 
 def _later(step: int, pose: Pose, periods: int) -> Pose:

@@ -42,7 +42,7 @@ class Wire:
 class Flights:
     """Vehicles that move at some periods and rest at others, and a process that receives their poses."""
 
-    def __init__(self, *, skips: bool) -> None:
+    def __init__(self, *, skips: bool, wakes: bool = True) -> None:
         self.wire, self.outbox = Wire(), Outbox()
         session = cast("zenoh.Session", self.wire)
         self.bundle = Bundle(session, "", codec.encoding(Pose), self.outbox)
@@ -53,7 +53,7 @@ class Flights:
         self.subscriptions = {
             name: Subscription(
                 POSE_SLOW, lambda item: item(), lambda item: item(), lambda: False,
-                self.got[name].append, 100, wakes=True, skips=skips,
+                self.got[name].append, 100, wakes=wakes, skips=skips,
             )
             for name in NAMES
         }  # fmt: skip
@@ -106,16 +106,18 @@ class _Bytes(bytes):
 periods = st.lists(st.fixed_dictionaries({name: st.booleans() for name in NAMES}), max_size=30)
 
 
-@given(periods, st.booleans(), st.lists(st.booleans(), min_size=30, max_size=30))
+@given(periods, st.booleans(), st.lists(st.booleans(), min_size=30, max_size=30), st.booleans())
 def test_each_pose_that_is_passed_on_is_one_that_its_vehicle_had(
-    moves: list[dict[str, bool]], after_beat: bool, looks: list[bool]
+    moves: list[dict[str, bool]], after_beat: bool, looks: list[bool], wakes: bool
 ):
-    flights = Flights(skips=True)
+    flights = Flights(skips=True, wakes=wakes)
     for each, look in zip(moves, looks, strict=False):
         flights.period(each, after_beat=after_beat)
         flights.deliver()
         for subscription in flights.subscriptions.values() if look else ():
             subscription.poll()
+    for subscription in flights.subscriptions.values():
+        subscription.poll()
     for name in NAMES:
         got, had = flights.got[name], flights.true[name]
         assert all(each in had for each in got)
@@ -129,9 +131,9 @@ def test_each_pose_that_is_passed_on_is_one_that_its_vehicle_had(
         assert changed <= {each.seq for each in got}
 
 
-@given(periods.filter(bool))
-def test_the_newest_pose_is_at_most_a_period_old(moves: list[dict[str, bool]]):
-    flights = Flights(skips=True)
+@given(periods.filter(bool), st.booleans())
+def test_the_newest_pose_is_at_most_a_period_old(moves: list[dict[str, bool]], wakes: bool):
+    flights = Flights(skips=True, wakes=wakes)
     for each in moves:
         flights.period(each, after_beat=True)
         flights.deliver()

@@ -56,8 +56,7 @@ def distance(space: Space, other: Space, across: float, tall: float) -> float:
 
 def away(place: Point, space: Iterable[Piece]) -> float:
     """Return the least distance (m) of a place from a space."""
-    here = Piece(place, place)
-    return sqrt(min(_square(here, piece) for piece in space))
+    return sqrt(min([_from_place(place, piece) for piece in space]))
 
 
 def _scaled(space: Space, across: float, tall: float) -> list[Piece]:
@@ -126,6 +125,18 @@ def _from_line(a: Piece, b: Piece) -> float:
     t = _part(uv * s + vw, vv)
     s = _part(uv * t - uw, uu)
     dx, dy, dz = wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz
+    return dx * dx + dy * dy + dz * dz
+
+
+def _from_place(place: Point, piece: Piece) -> float:
+    """Return the square of the least distance of a place from a piece."""
+    (x, y, z), ((ax, ay, az), (bx, by, bz), is_box) = place, piece
+    if is_box:
+        dx, dy, dz = max(ax - x, x - bx, 0.0), max(ay - y, y - by, 0.0), max(az - z, z - bz, 0.0)
+        return dx * dx + dy * dy + dz * dz
+    ux, uy, uz, dx, dy, dz = bx - ax, by - ay, bz - az, x - ax, y - ay, z - az
+    t = _part(ux * dx + uy * dy + uz * dz, ux * ux + uy * uy + uz * uz)
+    dx, dy, dz = dx - t * ux, dy - t * uy, dz - t * uz
     return dx * dx + dy * dy + dz * dz
 
 

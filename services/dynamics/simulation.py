@@ -345,7 +345,8 @@ class Simulation:
         wake each process on their way once, not five times. Safety's pose goes last: nobody may
         receive a decision before the pose that it is about. POSES is for those that do not mind.
         """
-        is_seen = self._in_lockstep or self.poses.has_subscribers
+        has_subscribers = self.poses.has_subscribers
+        is_seen = self._in_lockstep or has_subscribers
         if not (is_seen or self._answer_is_due or self._params.fault.pose != "none"):
             return  # a pose for nobody would take half as long as its flight
         pose = self._reported.through(self._pose())
@@ -354,7 +355,7 @@ class Simulation:
             self._unsent.append(pose)
         if self._all_poses:
             self._batch.append(pose)
-        if is_time and self.poses.has_subscribers:
+        if is_time and has_subscribers:
             self._publish_unsent()
         repeats = self._asked == self._seq
         if self._answer_is_due:

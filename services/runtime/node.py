@@ -323,6 +323,7 @@ class Node:
         self._ready = self.executor.is_ready = True
         # What exists now stays: with a thousand vehicles, to search it for garbage takes 0.1 s each time.
         gc.freeze()
+        gc.set_threshold(10_000)  # nor are the messages of a bundle garbage
         self._announce()
         key = keyexpr.node_key(self.vehicle, self.name)
         self._declared.append(self._session.liveliness().declare_token(key))

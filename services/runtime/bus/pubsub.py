@@ -258,6 +258,10 @@ class Subscription(Generic[M]):
         if self.beats is not None:
             self._sum_up()
             self.beats = None
+        if self._wakes and not (self._waiting or isinstance(payload, bytes)):
+            # Of a bundle: it wakes its loop in any case, and floods none.
+            self._run_inline(partial(self._handle, now, payload))
+            return
         self._queue(now, payload, encoding)
         self._count += 1
         if (passed := now - self._since) > _WINDOW:
@@ -324,7 +328,7 @@ class Subscription(Generic[M]):
             return
         # Looked up once: of a flood 100 000 messages a second pass here.
         decode, ours = codec.decoder(self._topic.type).decode, self._ours
-        handler, waiting = self._handler, self._waiting
+        waiting = self._waiting
         for _ in range(count):
             if not waiting:  # a handler that itself serves the loop's queue has already taken them
                 break
@@ -334,11 +338,15 @@ class Subscription(Generic[M]):
             except codec.UNREADABLE:
                 value = self._read(payload, encoding)
             if value is not None:
-                self._value, self._received = value, received
-                handler(value)
+                self._handle(received, value)
         if self._flood:
             self._posted = True
             self._post(self._gather)
+
+    def _handle(self, received: float, message: M) -> None:
+        self._value, self._received = message, received
+        if self._handler is not None:
+            self._handler(message)
 
     def _log_drops(self) -> None:
         self._drops_logged = True

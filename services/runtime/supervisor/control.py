@@ -67,7 +67,7 @@ def request_restart(realm: Realm, name: str) -> ProcessRecord:
 
 
 def pending_restarts(realm: Realm) -> list[str]:
-    """Take the names requested since the last call; the supervisor calls this 10 times a second."""
+    """Take the names requested since the last call; the supervisor calls this at each check."""
     if not realm.restart_requests.exists():
         return []
     names = []

@@ -165,7 +165,9 @@ class ManagedProcess:
 
 
 _LOOK_EVERY = 0.2
-"""Longest time (s) between checks; a line, a start or an end wakes the loop earlier."""
+"""Longest time (s) between checks, but for PING_EVERY while all are ready; a line, a start or an end wakes the loop."""
+_ASLEEP = 2 * PING_EVERY
+"""Time (s) between checks from which on this process itself was held up."""
 _SAY_EVERY = 3.0
 """Seconds between reports of how far the start of several vehicles is."""
 STARTING = "starting"
@@ -217,7 +219,7 @@ class Supervisor:
                         settled = True
                         on_settled(verdict)
                 on_look()
-                self._serve_inbox(_LOOK_EVERY)
+                self._serve_inbox(PING_EVERY if self._are_ready() else _LOOK_EVERY)
         finally:
             self._stop_all()
         return self._stopped_by
@@ -274,8 +276,10 @@ class Supervisor:
                     f"{name} {NOT_READY}: {self._how_far()}, none of them in the last"
                     f" {limit:g} s\n{last}"
                 )
-        ready = all(row.life.state == "ready" for row in self._rows.values())
-        return "" if ready else None
+        return "" if self._are_ready() else None
+
+    def _are_ready(self) -> bool:
+        return all(row.life.state == "ready" for row in self._rows.values())
 
     def _say_progress(self, now: float) -> None:
         if len(self._launch.vehicles) > 1 and now - self._said > _SAY_EVERY:
@@ -292,7 +296,7 @@ class Supervisor:
                 self._rows[name].restart(now, "restart requested")
         timeout = self._launch.answer_timeout
         # No answer arrives while this process does not run, or while no hub does.
-        asleep = now - self._looked > PING_EVERY
+        asleep = now - self._looked > _ASLEEP
         self._looked = now
         hub = self._rows.get("hub")
         self._excuse_waits()

@@ -44,10 +44,9 @@ _IMPORTS = KnownMiss(
 )
 _EXCHANGES = KnownMiss(
     AtMostTimes(1.4, "raw"),
-    AtMostTimes(3.5, "raw"),
-    "20 times in each simulated second, safety decides and the vehicle flies 50 ms in Python, 5 poses"
-    " reach the barometer, and two loops wake up; a bare round trip does nothing at either end: 1.9 to"
-    " 2.9 x, the most where Python is slow and a process wakes up fast.",
+    AtMostTimes(2.2, "raw"),
+    "20 times in each simulated second, safety decides and the vehicle flies 50 ms in Python; a bare round"
+    " trip does nothing at either end: 1.3 to 1.6 x, the most where Python is slow and a process wakes up fast.",
 )
 _FLOOD = KnownMiss(
     AtLeastTimes(0.9, "raw"),
@@ -62,13 +61,13 @@ _STEADY = KnownMiss(
     " loop loses the oldest. By hand nothing waits: the sender does.",
 )
 _IN_PYTHON = (
-    "20 times a second, each vehicle flies, publishes, is judged and read in Python, some 80 us in all with"
+    "20 times a second, each vehicle flies, publishes, is judged and read in Python, some 90 us in all with"
     " cold caches; what a hundred vehicles send each other goes in a few messages."
 )
-_HUNDRED = KnownMiss(AtMost(16), AtMost(30), _IN_PYTHON)
+_HUNDRED = KnownMiss(AtMost(16), AtMost(25), _IN_PYTHON)
 _THOUSAND_LAUNCHED = KnownMiss(
     AtMost(10),
-    AtMost(25),
+    AtMost(14),
     "each vehicle has some fifty declarations; for each, Zenoh looks through all vehicles at both ends.",
 )
 _THOUSAND_CALLED = KnownMiss(

@@ -42,6 +42,10 @@ class Member(Protocol):
         """Return the loop of the vehicle's node."""
 
     @property
+    def beats(self) -> bool:
+        """Return whether its poses are the beats of its process."""
+
+    @property
     def rests(self) -> bool:
         """Return whether the vehicle repeats its pose until it gets another setpoint."""
 
@@ -86,15 +90,20 @@ class Formation:
 
     def _tick(self, now: float) -> None:
         members = list[Member]()
-        for each in self._members:
+        # First the vehicle with the poses by which the others count their periods at rest.
+        for each in sorted(self._members, key=lambda member: not member.beats):
             if each.executor.take_turn():
                 members.append(each)
             else:
                 each.executor.post(partial(_fly_alone, each, now))
         try:
+            flights = list[tuple[Vehicle, Iterator[int]]]()
             for each in members:
                 each.executor.poll()
-            flights = [(each.vehicle, each.flights(now)) for each in members]
+                if each.beats:
+                    each.fly(now)
+                else:
+                    flights.append((each.vehicle, each.flights(now)))
             while due := [
                 (vehicle, flight, steps)
                 for vehicle, flight in flights

@@ -232,6 +232,11 @@ class Simulation:
         return self._node.executor
 
     @property
+    def beats(self) -> bool:
+        """Return whether its poses are the beats of its process."""
+        return self._node.is_first
+
+    @property
     def rests(self) -> bool:
         """Return whether the vehicle repeats its pose until it gets another setpoint."""
         return self._rest > 0
@@ -247,7 +252,7 @@ class Simulation:
         The first vehicle never rests: its poses are the beats by which the others count.
         """
         return (
-            not self._node.is_first
+            not self.beats
             and self.vehicle.is_still
             and self._poses_per_tick == self._params.rate / POSE_SLOW.hz
             and self._answered >= self._asked
@@ -303,7 +308,7 @@ class Simulation:
         if self._answer_is_due:
             self._hold_or_land()
         self._seq += poses
-        if self._part and self._answer_is_due and self._node.is_first:
+        if self._part and self._answer_is_due and self.beats:
             self._part.beat()
         self.publish()
         self.advance_time()

@@ -125,7 +125,8 @@ def test_a_goal_where_a_vehicle_rests_is_reached_without_a_pause(fleet: Lab):
 
 
 @pytest.mark.thorough
-def test_subscribers_that_come_and_go_cost_a_vehicle_at_rest_no_time(fleet: Lab):
+@pytest.mark.parametrize("topic", ["pose", "pose/slow"])
+def test_subscribers_that_come_and_go_cost_a_vehicle_at_rest_no_time(fleet: Lab, topic: str):
     def ahead() -> float:
         with fleet.bare() as bare:
             names = boots(bare)
@@ -136,7 +137,7 @@ def test_subscribers_that_come_and_go_cost_a_vehicle_at_rest_no_time(fleet: Lab)
     before = ahead()
     for _ in range(20):
         with fleet.bare() as visitor:
-            visitor.watch("uav1/pose").next(3)
+            visitor.watch(f"uav1/{topic}").next(3)
         with fleet.bare() as bare:
             bare.watch(BUNDLE).until(lambda bundle: len(bundle[2]) == 1)
     # On a busy machine a visit may put its next tick forward, by less than a period.

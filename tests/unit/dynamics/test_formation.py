@@ -52,7 +52,8 @@ class Flyer:
     """Vehicle that flies a period in one or two pieces at a tick, and notes it."""
 
     def __init__(self, params: DynamicsParams) -> None:
-        self.vehicle, self.executor, self.rests = Vehicle(params), Loop(), False
+        self.vehicle, self.executor = Vehicle(params), Loop()
+        self.rests = self.beats = False
         self.ticks: list[float] = []
         self.pieces: tuple[int, ...] = (50,)
 
@@ -127,6 +128,19 @@ def test_one_that_rests_leaves_and_comes_again():
     for each in flyers:
         formation.remove(each)
     assert loop.rate() == 1
+
+
+def test_the_vehicle_that_beats_has_flown_before_the_others_count():
+    flyers = [Flyer(DynamicsParams()) for _ in range(3)]
+    flyers[2].beats = True
+    _, loop = formation_of(flyers)
+    counted = list[int]()
+    for each in flyers[:2]:
+        each.executor.poll = lambda: counted.append(len(flyers[2].ticks))
+    assert loop.tick
+    loop.tick(1.0)
+    assert counted == [1, 1]
+    assert [each.ticks for each in flyers] == [[1.0]] * 3
 
 
 def test_one_that_is_busy_flies_alone_once_it_is_not():

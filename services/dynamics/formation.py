@@ -72,6 +72,7 @@ class Formation:
         """Begin without vehicles; tick by `every`."""
         self._compiler = compiler
         self._members: dict[Member, None] = {}
+        """Vehicles, first the one with the poses by which the others count their periods at rest."""
         self._retime = every(lambda: POSE_SLOW.hz if self._members else _IDLE, self._tick)
 
     def __contains__(self, member: Member) -> bool:
@@ -82,7 +83,8 @@ class Formation:
         """Fly a vehicle from the next tick on."""
         if not self._members:
             self._retime()
-        self._members[member] = None
+        others, one = self._members, {member: None}
+        self._members = one | others if member.beats else others | one
 
     def remove(self, member: Member) -> None:
         """Leave a vehicle to its own ticks."""
@@ -90,8 +92,7 @@ class Formation:
 
     def _tick(self, now: float) -> None:
         members = list[Member]()
-        # First the vehicle with the poses by which the others count their periods at rest.
-        for each in sorted(self._members, key=lambda member: not member.beats):
+        for each in self._members:
             if each.executor.take_turn():
                 members.append(each)
             else:

@@ -220,7 +220,7 @@ class Safety:
             self._send_setpoint()
 
     def _observe(self, age: float | None) -> bool:
-        """Stop the flight if the newest pose, of an age (s), comes late or shows it; return whether one does."""
+        """Show the newest pose to the monitor, and its age (s) if that counts; return whether a flight stops or pauses."""
         self._looks = self._process.looks
         # A vehicle that repeats its pose needs no setpoints.
         timeout = max(self._params.dynamics.setpoint_timeout, _LEAST_GAP)

@@ -1,5 +1,7 @@
 """Process of the vehicle: flies to the newest setpoint, and brakes without one."""
 
+import time
+
 from quadctl.schemas.params import Params
 from quadctl.schemas.services import ResetRequest, ResetResponse
 from quadctl.schemas.topics import RESET
@@ -13,6 +15,8 @@ from quadctl.services.runtime.params.load import launch_lines
 
 _compiler = BackgroundCompiler()
 """Shared by all vehicles of the process."""
+_RECEIVED_WITHIN, _LOOK = 0.5, 0.005
+"""Longest wait (s) of a restarted process for one that receives its poses, and the time between two looks."""
 _formations: dict[int, Formation] = {}
 """Formations of the process, by the number of the nodes that tick together."""
 
@@ -41,12 +45,21 @@ def run(node: Node, params: Params) -> None:
     node.on_params, node.in_force = simulation.configure, simulation.in_force
     # New body, gains and limits are judged by the guards of safety as they are now.
     follow(node, "safety", params, lambda: None)
+    if node.restarted:
+        _wait_for_receiver(node, simulation)
     simulation.publish()
     simulation.advance_time()
     try:
         node.every(simulation.tick_rate, simulation.tick)
     finally:
         _formations.clear()  # a new session begins with new ones
+
+
+def _wait_for_receiver(node: Node, simulation: Simulation) -> None:
+    """Wait until the first pose can be sent: a goal that comes once we are ready would be for the old boot."""
+    until = time.monotonic() + _RECEIVED_WITHIN
+    while not (node.stopping or simulation.is_received) and time.monotonic() < until:
+        node.wait_for(lambda: simulation.is_received, _LOOK)
 
 
 if __name__ == "__main__":

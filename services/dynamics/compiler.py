@@ -67,7 +67,7 @@ class _MachineCode:
         self._places: tuple[int, ...] = ()
 
     def use(self, numbers: bytearray, fixed: bytearray, block: bytearray) -> None:
-        """Fly these vehicles from now on, see `aot.Machine`."""
+        """Fly these vehicles from now on, see `aot.FlightCode`."""
         from quadctl.services.dynamics.compiled.aot import LINE
 
         self._memory = [
@@ -77,7 +77,7 @@ class _MachineCode:
         self._places = unused, unused, first, second, third + -third % LINE
 
     def fly(self, count: int, start: int, steps: int) -> None:
-        """Fly the first so many vehicles, see `aot.Machine`."""
+        """Fly the first so many vehicles, see `aot.FlightCode`."""
         self._function(*self._places, count, start, steps)
 
 

@@ -32,7 +32,7 @@ class Loop(Protocol):
         """Run an item soon."""
 
 
-class Member(Protocol):
+class FormationMember(Protocol):
     """Vehicle's simulation, as far as a formation needs it."""
 
     vehicle: Vehicle
@@ -60,7 +60,7 @@ Every = Callable[[Callable[[], float], Callable[[float], None]], Callable[[], No
 """`Executor.every_together` of the vehicles' process."""
 
 
-def _fly_alone(member: Member, now: float) -> None:
+def _fly_alone(member: FormationMember, now: float) -> None:
     member.executor.poll()
     member.fly(now)
 
@@ -71,27 +71,27 @@ class Formation:
     def __init__(self, every: Every, compiler: BackgroundCompiler) -> None:
         """Begin without vehicles; tick by `every`."""
         self._compiler = compiler
-        self._members: dict[Member, None] = {}
+        self._members: dict[FormationMember, None] = {}
         """Vehicles, first the one with the poses by which the others count their periods at rest."""
         self._retime = every(lambda: POSE_SLOW.hz if self._members else _IDLE, self._tick)
 
-    def __contains__(self, member: Member) -> bool:
+    def __contains__(self, member: FormationMember) -> bool:
         """Return whether a vehicle flies at these ticks."""
         return member in self._members
 
-    def add(self, member: Member) -> None:
+    def add(self, member: FormationMember) -> None:
         """Fly a vehicle from the next tick on."""
         if not self._members:
             self._retime()
         others, one = self._members, {member: None}
         self._members = one | others if member.beats else others | one
 
-    def remove(self, member: Member) -> None:
+    def remove(self, member: FormationMember) -> None:
         """Leave a vehicle to its own ticks."""
         self._members.pop(member, None)
 
     def _tick(self, now: float) -> None:
-        members = list[Member]()
+        members = list[FormationMember]()
         for each in self._members:
             if each.executor.take_turn():
                 members.append(each)

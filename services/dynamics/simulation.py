@@ -246,6 +246,11 @@ class Simulation:
         """Return whether anybody but the run's own processes receives the poses."""
         return self.poses.has_subscribers or self._due_poses.has_subscribers
 
+    @property
+    def is_received(self) -> bool:
+        """Return whether anybody receives the poses that safety answers."""
+        return self._due_poses.has_subscribers or bool(self._part and self._part.is_received)
+
     def _may_rest(self) -> bool:
         """Return whether the vehicle only repeats this pose until it gets another setpoint.
 

@@ -30,7 +30,7 @@ _FEW = 10
 """Vehicles from which on a block takes less time, though it has room for many more."""
 
 
-class Machine(Protocol):
+class FlightCode(Protocol):
     """Machine code of `aot_source`."""
 
     def use(self, numbers: bytearray, fixed: bytearray, block: bytearray) -> None:
@@ -43,7 +43,7 @@ class Machine(Protocol):
 class CompiledModel:
     """`flight_modes.fly`, bit-identical, in machine code, for one thread at a time."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, machine: FlightCode) -> None:
         """Fly by this machine code."""
         self._machine, self._fly = machine, machine.fly
         self._fixed, self._block = bytearray(_FIXED.size), bytearray(ROWS * WIDTH * 8 + LINE)

@@ -43,9 +43,14 @@ class Bundle:
 
     def add(self, vehicle: str, message: Struct, rest: int) -> None:
         """Add a vehicle's message, if there is a process to take it; safe to call from any thread."""
-        if self._matches.was_there:
+        if self.is_received:
             self._waiting.append((vehicle, message, rest))
             self._send_later()
+
+    @property
+    def is_received(self) -> bool:
+        """Return whether the hub has reported a process that takes the bundle."""
+        return self._matches.was_there
 
     def beat(self) -> None:
         """Count a beat: each vehicle at rest repeats its message."""
@@ -75,6 +80,11 @@ class BundlePart:
     def add(self, message: Struct, rest: int) -> None:
         """Add a message, which with a `rest` above 0 the vehicle repeats from now on."""
         self._bundle.add(self._vehicle, message, rest)
+
+    @property
+    def is_received(self) -> bool:
+        """Return whether the hub has reported a process that takes the bundle."""
+        return self._bundle.is_received
 
     @property
     def beats(self) -> int:

@@ -108,7 +108,7 @@ class Safety:
             traffic.expect(node.vehicle)
         self._answered, self._waiting, self._seen, self._sent = -1, False, 0.0, 0.0
         self._looks = 0
-        """Looks at all vehicles up to the pose that was observed last."""
+        """Looks at all vehicles when a pose was observed last."""
         self._count, self._begun = 0, 0.0
         self._repeats = self._leads = False
         self._newest, self._deciding = self.monitor.pose, False
@@ -260,6 +260,9 @@ class Safety:
             return
         if (pose.boot, pose.stamp) != (self._newest.boot, self._newest.stamp):
             # A repeated pose is no news of the vehicle.
+            if self._looks != self._process.looks and not (self._is_stepped or self._repeats):
+                # The newest pose at the last look: answers since then may be those of a delay.
+                self._observe(None)
             self._newest, before = pose, self._seen
             self._seen = self._poses.received
             known = not (self._is_stepped or self._repeats) and before
@@ -277,9 +280,6 @@ class Safety:
             return
         self._answered = period
         news = self.monitor.see(pose)
-        # Once a look: of poses that come together after a delay, the gap before the next one tells.
-        if not self._is_stepped and self._looks != self._process.looks:
-            self._observe(None)
         # The flight goes on with the first answer, which must include all held calls.
         self._deciding = True
         self._node.advance_sim_time(pose.boot, pose.stamp)

@@ -3,7 +3,6 @@
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import msgspec
 import pytest
@@ -22,8 +21,9 @@ def fleet() -> Iterator[Lab]:
     """Three vehicles in the air."""
     with private_lab() as made:
         made.share(
-            "--vehicles", 3, *sets("dynamics.start.z=1", "supervise.answer_timeout=60"), *PATIENT
-        )
+            "--vehicles", 3, *PATIENT,
+            *sets("dynamics.start.z=1", "dynamics.grace=3", "supervise.answer_timeout=60"),
+        )  # fmt: skip
         yield made
 
 
@@ -97,7 +97,7 @@ def rest_all(lab: Lab, height: float) -> None:
 def test_a_vehicle_at_rest_brakes_without_safety(fleet: Lab):
     rest_all(fleet, 1.2)
     before = fleet.log("dynamics").count("uav1: no setpoint for")
-    with frozen(fleet, "safety"):
+    with fleet.frozen("safety"):
         eventually(lambda: fleet.log("dynamics").count("uav1: no setpoint for") > before)
     fly_all(fleet, 1.3)
 
@@ -106,7 +106,7 @@ def test_a_vehicle_at_rest_brakes_without_safety(fleet: Lab):
 def test_no_goal_is_taken_for_a_vehicle_at_rest_that_sends_no_beats(fleet: Lab):
     rest_all(fleet, 1.2)
     goal = msgspec.msgpack.encode({"x": 0.0, "y": 0.0, "z": 1.5})
-    with fleet.bare() as bare, frozen(fleet, "dynamics"):
+    with fleet.bare() as bare, fleet.frozen("dynamics"):
         eventually(lambda: "no pose" in bare.query("uav1/@srv/goto", goal).value["reason"])
     fly_all(fleet, 1.5)
 
@@ -144,15 +144,6 @@ def test_subscribers_that_come_and_go_cost_a_vehicle_at_rest_no_time(fleet: Lab,
     assert -0.15 < ahead() - before < 20 / 20
 
 
-@contextmanager
-def frozen(lab: Lab, node: str) -> Iterator[None]:
-    lab.signal(node, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        lab.signal(node, signal.SIGCONT)
-
-
 @pytest.mark.thorough
 def test_each_flight_pauses_while_no_pose_comes(fleet: Lab):
     fly_all(fleet, 1.2)
@@ -162,7 +153,7 @@ def test_each_flight_pauses_while_no_pose_comes(fleet: Lab):
         for vehicle, place in places.items():
             goal = msgspec.msgpack.encode(place | {"z": 1.9})
             assert bare.query(f"{vehicle}/@srv/goto", goal).value["accepted"]
-        with frozen(fleet, "dynamics"):
+        with fleet.frozen("dynamics"):
             for watch in states:
                 watch.until(lambda state: state["reason"].startswith("paused: no pose"))
         for watch in states:

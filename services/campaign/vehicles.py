@@ -156,5 +156,4 @@ class _Lane(Vehicle):
 
     def flat(self) -> tuple[list[float], tuple[float, ...]]:
         """Return its changing numbers, and its constants, in the order of the kernel."""
-        numbers = self._state, self._command, self._plan, self._mode, self._air
-        return flat(numbers), tuple(flat(self.constants))
+        return flat(self.lane), tuple(flat(self.constants))

@@ -58,8 +58,9 @@ def run(node: Node, params: Params) -> None:
 def _wait_for_receiver(node: Node, simulation: Simulation) -> None:
     """Wait until the first pose can be sent: a goal that comes once we are ready would be for the old boot."""
     until = time.monotonic() + _RECEIVED_WITHIN
-    while not (node.stopping or simulation.is_received) and time.monotonic() < until:
-        node.wait_for(lambda: simulation.is_received, _LOOK)
+    while not node.wait_for(lambda: simulation.is_received, _LOOK):
+        if node.stopping or time.monotonic() > until:
+            return
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ class Simulation:
 
     def boot(self, name: str = "") -> None:
         """Put the vehicle on its start, as a new boot that ignores old setpoints."""
-        self.vehicle, self._is_fast = Vehicle(self._params), False
+        self.vehicle = Vehicle(self._params)
         self._boot, self._seq, self._period = name or os.urandom(4).hex(), 0, -1
         self._boots.add(self._boot)
         self._answered, self._braked, self._last_setpoint = -1, True, 0.0
@@ -303,8 +303,8 @@ class Simulation:
 
     def _steps(self, poses: int) -> int:
         """Return the steps up to the pose after so many, which the vehicle flies compiled if it can."""
-        if self._compiler and not self._is_fast and (fly := self._compiler.model):
-            self.vehicle.fly, self._is_fast = fly, True
+        if self._compiler and (model := self._compiler.model):
+            self.vehicle.fly = model
         return poses * round(_STEPS_PER_SECOND / self._params.rate)
 
     def _arrive(self, poses: int) -> None:

@@ -200,10 +200,7 @@ class Executor:
             for now in self.ticks(hz):
                 tick(now)
         else:
-            self._ticker = _Ticker(
-                self, Beat(hz, self._origin), self._in_turn(tick), self._schedule
-            )
-            self._schedule(self._ticker, self._ticker.beat.due)
+            self._ticker = self._begin_ticks(hz, self._in_turn(tick))
             self.spin()
 
     def _in_turn(self, tick: Callable[[float], None]) -> Callable[[float], None]:
@@ -215,10 +212,15 @@ class Executor:
 
     def every_together(self, hz: Callable[[], float], tick: Callable[[float], None]) -> Item:
         """Call `tick` as `every` does, among several nodes, but in no turn; return a function to read the rate again."""
+        return partial(self.post, self._begin_ticks(hz, tick).resume)
+
+    def _begin_ticks(
+        self, hz: float | Callable[[], float], tick: Callable[[float], None]
+    ) -> "_Ticker":
         assert self._schedule is not None  # noqa: S101 - of several nodes
         ticker = _Ticker(self, Beat(hz, self._origin), tick, self._schedule)
         self._schedule(ticker, ticker.beat.due)
-        return partial(self.post, ticker.resume)
+        return ticker
 
     def spin(self) -> None:
         """Serve the queue until stopped."""
@@ -329,10 +331,8 @@ class MultiNodeExecutor:
         """Return the event loop for one node."""
         if self._single:
             return Executor()
-        queue, group = (
-            _GreenletQueue(self._runnable.put, self._sleep),
-            len(self._queues) // _TOGETHER,
-        )
+        queue = _GreenletQueue(self._runnable.put, self._sleep)
+        group = len(self._queues) // _TOGETHER
         origin = self._origin + group * _APART - len(self._queues) * _SLOT
         self._queues.append(queue)
         return Executor(queue, origin, self.outbox, self._at, group)

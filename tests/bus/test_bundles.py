@@ -21,9 +21,8 @@ def fleet() -> Iterator[Lab]:
     """Three vehicles in the air."""
     with private_lab() as made:
         made.share(
-            "--vehicles", 3, *PATIENT,
-            *sets("dynamics.start.z=1", "dynamics.grace=3", "supervise.answer_timeout=60"),
-        )  # fmt: skip
+            "--vehicles", 3, *sets("dynamics.start.z=1", "supervise.answer_timeout=60"), *PATIENT
+        )
         yield made
 
 

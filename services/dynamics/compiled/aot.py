@@ -151,7 +151,6 @@ def _fly_block(v, live, q, c, start, steps):
             v[n, i] = q[i * {WIDTH} + n]
 
 
-
 @njit(
     types.void(_doubles, _doubles, _doubles, types.int64, types.int64, types.int64),
     error_model='numpy', no_cpython_wrapper=True, no_cfunc_wrapper=True)
